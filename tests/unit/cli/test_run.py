@@ -2,7 +2,6 @@
 
 import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
@@ -10,10 +9,8 @@ from click.testing import CliRunner
 
 from bagpipe.cli import run as module
 from bagpipe.cli.__main__ import main
-from bagpipe.cli.running import RunError
 from bagpipe.run.laptop import agent_program
-from tests.unit.bagpipe.jobs import make_row, make_spec
-from tests.unit.report.publishing import publish
+from tests.unit.bagpipe.jobs import make_spec
 
 SPEC = {
     "source": {"files": ["pvc://recordings/*.bin"]},
@@ -91,81 +88,6 @@ def test_an_agent_that_does_not_start_is_reported_with_its_output(tmp_path: Path
     status, text = run(tmp_path, "--agent", str(agent))
     assert status == 2, text
     assert "the agent did not start; it wrote: no agent of ours" in text
-
-
-def wanted(**changed: Any) -> module.Wanted:
-    fields: dict[str, Any] = {
-        "volumes": (), "results": None, "slots": None, "cases": (), "variants": (), "agent": "a",
-        "resume": False, "replace": False, "spark": False, "output": "table",
-    }  # fmt: skip
-    return module.Wanted(**fields | changed)
-
-
-def test_an_earlier_run_is_never_overwritten_unasked(tmp_path: Path) -> None:
-    folder = publish(tmp_path, [make_row("a-0")])
-    (folder / "notes.txt").write_text("mine")
-    (folder / "cases").mkdir()
-    (folder / "cases/a-0.1.bag").touch()
-    with pytest.raises(RunError, match="has a run already: write --replace"):
-        module._prepare(folder, wanted())
-    module._prepare(folder, wanted(resume=True))
-    assert (folder / "manifest.json").exists()
-    module._prepare(folder, wanted(replace=True))
-    # Of what lies there only what a run makes is removed.
-    assert [path.name for path in folder.iterdir()] == ["notes.txt"]
-
-
-@pytest.mark.parametrize("options", [{}, {"replace": True}, {"resume": True}])
-@pytest.mark.parametrize(
-    "name", ["cases/night/mine.bag", "job.json", "manifest.json", "journal/mine.txt"]
-)
-def test_what_no_run_has_left_is_neither_removed_nor_written_over(
-    tmp_path: Path, name: str, options: dict[str, bool]
-) -> None:
-    mine = tmp_path / name
-    mine.parent.mkdir(parents=True, exist_ok=True)
-    mine.write_text('{"name": "mine"}')
-    # One log alone may be of anything.
-    (tmp_path / "agent.log").write_text("mine too")
-    with pytest.raises(RunError, match=f"has {Path(name).parts[0]}, which no run has left"):
-        module._prepare(tmp_path, wanted(**options))
-    assert mine.read_text() == '{"name": "mine"}'
-
-
-def test_a_run_that_died_before_its_first_journal_is_replaced(tmp_path: Path) -> None:
-    for name in ("agent.log", "driver.log", "cases/a-0.1.bag"):
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).touch()
-    module._prepare(tmp_path, wanted())
-    assert (tmp_path / "cases/a-0.1.bag").exists()
-    module._prepare(tmp_path, wanted(replace=True))
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_there_need_be_no_run_to_replace(tmp_path: Path) -> None:
-    (tmp_path / "notes.txt").touch()
-    module._prepare(tmp_path, wanted(replace=True))
-    module._prepare(tmp_path / "new", wanted(replace=True))
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["new", "notes.txt"]
-
-
-def test_an_interrupted_run_is_resumed_or_replaced(tmp_path: Path) -> None:
-    (tmp_path / "driver.log").touch()
-    (tmp_path / "journal").mkdir()
-    module._prepare(tmp_path, wanted())
-    (tmp_path / "journal/0001-x-000000.jsonl").touch()
-    with pytest.raises(RunError, match="has an interrupted run: --resume goes on with it"):
-        module._prepare(tmp_path, wanted())
-    module._prepare(tmp_path, wanted(resume=True))
-    assert (tmp_path / "journal/0001-x-000000.jsonl").exists()
-    module._prepare(tmp_path, wanted(replace=True))
-    assert not (tmp_path / "journal").exists()
-
-
-def test_a_folder_that_can_t_be_made_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    with pytest.raises(RunError, match=r"file/kept can't be written: Not a directory"):
-        module._prepare(tmp_path / "file/kept", wanted())
 
 
 def test_slots_are_the_job_s_own_at_most_one_for_each_processor(

@@ -11,7 +11,7 @@ from bagpipe.cli.list import described
 from bagpipe.cli.places import RefusedError, folders, uri_of, volume_option
 from bagpipe.cli.pulling.entry import MARKER
 from bagpipe.cli.terminal import plain
-from bagpipe.report.stored import FILES, FOLDERS, LOGS, MANIFEST
+from bagpipe.report.stored import BEGUN, FILES, FOLDERS, LOGS, MANIFEST
 from bagpipe.row_facts import verdict_words
 from bagpipe.storage import Storage, StorageError
 
@@ -75,7 +75,7 @@ def remove_results(uri: str, storage: Storage) -> int:
     The manifest goes last: a deletion that was interrupted is gone on with by the same command.
     """
     there = set(storage.names(uri))
-    doomed = [posixpath.join(uri, name) for name in (*FILES, *LOGS, MARKER) if name in there]
+    doomed = [posixpath.join(uri, name) for name in (*FILES, *LOGS, BEGUN, MARKER) if name in there]
     for folder in FOLDERS:
         below = posixpath.join(uri, folder)
         doomed += [posixpath.join(below, name) for name in storage.names(below)]

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import click
-from rich.console import Console
 from rich.markup import escape
 
 from bagpipe.cli.here import (
@@ -21,7 +20,7 @@ from bagpipe.cli.here import (
     without_missing,
     without_schedule,
 )
-from bagpipe.cli.manifest import API_GROUP, ManifestError, read_job, read_marks
+from bagpipe.cli.manifest import ManifestError, read_job, read_marks
 from bagpipe.cli.places import (
     RefusedError,
     file_uri,
@@ -32,21 +31,18 @@ from bagpipe.cli.places import (
     volume_option,
 )
 from bagpipe.cli.results import describe, print_results
+from bagpipe.cli.run_folder import beginning, run_folder
 from bagpipe.cli.running import Driver, RunError, run_here
-from bagpipe.cli.showing import Showing
+from bagpipe.cli.showing import QuietConsole, Showing
 from bagpipe.matrix.faults import MatrixError
 from bagpipe.native import NativeModuleError, native
-from bagpipe.report.stored import FILES, FOLDERS, LOGS, MANIFEST
 from bagpipe.run.laptop import ReplayError, agent_program, own_environment
 from bagpipe.source_fields import source_fields
 from bagpipe.spec import Images, JobFile, SimulationJobSpec
 from bagpipe.storage import StorageError
 
 _MOST_SLOTS = 64
-# All that a run leaves in its folder: what --replace removes.
-_FILES = (MANIFEST, *FILES, *LOGS)
-# A manifest of ours says so in its first field; the whole of it may be as long as its cases.
-_HEAD_BYTES = 4096
+_ENDED_BEFORE = "the run in this folder has ended: nothing is run again, and its verdict is shown"
 
 
 @dataclass(frozen=True)
@@ -148,34 +144,35 @@ def run_spec(
     volumes = folders(wanted.volumes)
     folder = wanted.results or Path("bagpipe-results", name)
     agent = _checked(spec, volumes, wanted)
-    _prepare(folder, wanted)
+    begun = beginning(spec, volumes, wanted.cases)
+    console = QuietConsole(stderr=True, emoji=False)
     slots = wanted.slots or _slots(spec)
-    console = Console(stderr=True, emoji=False)
-    reported = list(notes(spec, folder))
-    spec, baseline = without_schedule(spec)
-    for note in [*reported, *([baseline.message] if baseline else [])]:
-        console.print(f"[dim]note:[/] {escape(note)}", highlight=False, soft_wrap=True)
-    job = JobFile(
-        name=name,
-        namespace="local",
-        uid=str(uuid.uuid4()),
-        attempt=1,
-        spec=spec,
-        images=Images(spark="none", agent="none"),
-        volumes=volumes,
-        results=file_uri(folder),
-        baseline=baseline,
-        labels=marks["labels"],
-        annotations=marks["annotations"],
-    )
-    with Showing(console, slots, wanted.spark) as showing:
-        driver = Driver(slots, wanted.cases, wanted.spark)
-        progress = run_here(job, agent, driver, folder, showing.show, seconds)
-    results = results_at(str(folder), {})
+    with run_folder(folder, begun, resume=wanted.resume, replace=wanted.replace) as has_ended:
+        reported = [_ENDED_BEFORE] if has_ended else list(notes(spec, folder))
+        spec, baseline = without_schedule(spec)
+        for note in [*reported, *([baseline.message] if baseline else [])]:
+            console.print(f"[dim]note:[/] {escape(note)}", highlight=False, soft_wrap=True)
+        job = JobFile(
+            name=name,
+            namespace="local",
+            uid=str(uuid.uuid4()),
+            attempt=1,
+            spec=spec,
+            images=Images(spark="none", agent="none"),
+            volumes=volumes,
+            results=file_uri(folder),
+            baseline=baseline,
+            labels=marks["labels"],
+            annotations=marks["annotations"],
+        )
+        with Showing(console, slots, wanted.spark) as showing:
+            driver = Driver(slots, wanted.cases, wanted.spark)
+            progress = run_here(job, agent, driver, folder, showing.show, seconds)
     if not (folder / "manifest.json").exists():
         message = f"{progress['reason']}: {progress['message']}"
         raise RunError(f"{message} ({folder / 'driver.log'} has details)")
     console.print(escape(f"{folder} has report.html, results.jsonl and more"), soft_wrap=True)
+    results = results_at(str(folder), {})
     return {"results": str(folder.resolve())} | describe(results, failed=False)
 
 
@@ -215,56 +212,3 @@ def _spark_lacks() -> list[str]:
 
 def _slots(spec: SimulationJobSpec) -> int:
     return min(spec.spark.most_slots, len(os.sched_getaffinity(0)), _MOST_SLOTS)
-
-
-def _prepare(folder: Path, wanted: Wanted) -> None:
-    """Make the folder; raises RunError where it has what was not meant to be touched."""
-    if wanted.resume and wanted.replace:
-        raise RunError("--resume keeps what --replace removes: write one of them")
-    try:
-        if not _is_a_run_s(folder) and (others := _others(folder)):
-            raise RunError(
-                f"{folder} has {others}, which no run has left there: choose another --results"
-            )
-        if wanted.replace:
-            _remove(folder)
-        if (folder / "manifest.json").exists() and not wanted.resume:
-            raise RunError(f"{folder} has a run already: write --replace, or another --results")
-        journal = folder / "journal"
-        if journal.is_dir() and any(journal.iterdir()) and not wanted.resume:
-            raise RunError(
-                f"{folder} has an interrupted run: --resume goes on with it (its cases are not run"
-                " again, whatever has changed in the stack), --replace starts over"
-            )
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RunError(f"{folder} can't be written: {error.strerror}") from error
-
-
-def _is_a_run_s(folder: Path) -> bool:
-    """Whether the folder has what only a run leaves: its manifest, or its logs."""
-    manifest = folder / "manifest.json"
-    if manifest.is_file():
-        with manifest.open("rb") as file:
-            if f'"{API_GROUP}manifest/'.encode() in file.read(_HEAD_BYTES):
-                return True
-    # A run that died before its first journal has both logs.
-    return (folder / "driver.log").is_file() and any(
-        (folder / name).exists() for name in ("journal", "agent.log")
-    )
-
-
-def _others(folder: Path) -> str:
-    """Files and filled folders named as a run's are, but for logs, which are no loss."""
-    found = [name for name in _FILES if name not in LOGS and (folder / name).exists()]
-    found += [n for n in FOLDERS if (folder / n).is_dir() and any((folder / n).iterdir())]
-    return ", ".join(found)
-
-
-def _remove(folder: Path) -> None:
-    """Removes what a run leaves, and nothing else that may lie there."""
-    for name in _FILES:
-        (folder / name).unlink(missing_ok=True)
-    for name in FOLDERS:
-        if (folder / name).is_dir():
-            shutil.rmtree(folder / name)

@@ -12,6 +12,14 @@ from bagpipe.cli.running import ENDED, ProgressReport
 _LINE_SECONDS = 5.0
 
 
+class QuietConsole(Console):
+    """One that nobody reads any more has nothing to show, and ends nothing: rich would exit with 1,
+    which is a verdict."""
+
+    def on_broken_pipe(self) -> None:
+        self.quiet = True
+
+
 class Showing:
     """Shows a driver's accounts while a block runs."""
 

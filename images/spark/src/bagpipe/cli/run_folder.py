@@ -1,0 +1,151 @@
+"""The folder of a run on this machine: what may be there, and that one run at a time is in it.
+
+What the run began with is kept in it, locked as long as the run lasts: who goes on with another
+job, or in the folder of a run that goes on, would take another's verdict for this one's.
+"""
+
+import contextlib
+import fcntl
+import json
+import os
+import shutil
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from bagpipe.cli.manifest import API_GROUP
+from bagpipe.cli.running import RunError
+from bagpipe.report.stored import BEGUN, FILES, FOLDERS, LOGS, MANIFEST
+from bagpipe.spec import SimulationJobSpec
+
+# All that a run leaves in its folder: what --replace removes, but for the lock that it holds.
+_FILES = (MANIFEST, *FILES, *LOGS)
+# A manifest of ours says so in its first field; the whole of it may be as long as its cases.
+_HEAD_BYTES = 4096
+_MOST_BEGUN_BYTES = 64 << 20
+# What decides no case and no verdict of a run on this machine.
+_INDIFFERENT = frozenset({
+    "spark", "storage", "output", "backoffLimit", "managedBy", "suspend", "queueName",
+    "startDeadline", "activeDeadline", "ttlAfterFinished", "notify",
+})  # fmt: skip
+_INDIFFERENT_OF_STACK = frozenset({"resources", "imagePullPolicy"})
+
+
+def beginning(
+    spec: SimulationJobSpec, volumes: Mapping[str, str], cases: tuple[str, ...]
+) -> dict[str, Any]:
+    """All that decides the cases of a run and its verdict, in sections with their names."""
+    whole = spec.model_dump(mode="json", by_alias=True)
+    found = {key: part for key, part in whole.items() if key not in _INDIFFERENT}
+    stack = found["stack"].items()
+    found["stack"] = {key: part for key, part in stack if key not in _INDIFFERENT_OF_STACK}
+    claims = {claim: str(Path(folder).resolve()) for claim, folder in volumes.items()}
+    return found | {"--volume": claims, "--cases": list(cases)}
+
+
+@contextlib.contextmanager
+def run_folder(
+    folder: Path, begun: Mapping[str, Any], *, resume: bool = False, replace: bool = False
+) -> Iterator[bool]:
+    """The folder while a run is in it, made where there is none; whether the run had ended before.
+
+    Raises RunError where it has what was not meant to be touched, another run is in it, or the run
+    that is to be gone on with began otherwise.
+    """
+    if resume and replace:
+        raise RunError("--resume keeps what --replace removes: write one of them")
+    with contextlib.ExitStack() as stack:
+        try:
+            if not _is_a_run_s(folder) and (others := _others(folder)):
+                raise RunError(
+                    f"{folder} has {others}, which no run has left there: choose another --results"
+                )
+            folder.mkdir(parents=True, exist_ok=True)
+            file = stack.enter_context(_opened(folder))
+            if replace:
+                _remove(folder)
+            else:
+                _check(folder, file, begun, resume)
+            _keep(file, begun)
+        except OSError as error:
+            raise RunError(f"{folder} can't be written: {error.strerror}") from error
+        yield (folder / MANIFEST).exists()
+
+
+def _opened(folder: Path) -> BinaryIO:
+    """What a run began with, locked until it is closed. Raises RunError, and OSError."""
+    flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC
+    file = os.fdopen(os.open(folder / BEGUN, flags, 0o644), "r+b")
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        file.close()
+        raise RunError(
+            f"another run is writing into {folder}: wait for it, or choose another --results"
+        ) from error
+    return file
+
+
+def _check(folder: Path, file: BinaryIO, begun: Mapping[str, Any], resume: bool) -> None:
+    ended = (folder / MANIFEST).exists()
+    if ended and not resume:
+        raise RunError(f"{folder} has a run already: write --replace, or another --results")
+    journal = folder / "journal"
+    interrupted = journal.is_dir() and any(journal.iterdir())
+    if interrupted and not resume:
+        raise RunError(
+            f"{folder} has an interrupted run: --resume goes on with it (its cases are not run"
+            " again, whatever has changed in the stack), --replace starts over"
+        )
+    if (ended or interrupted) and (differs := _differs(file, begun)):
+        raise RunError(
+            f"{folder} has a run that began {differs}, whose results say nothing of this one:"
+            " --replace starts over, another --results keeps both"
+        )
+
+
+def _differs(file: BinaryIO, begun: Mapping[str, Any]) -> str:
+    """In what a run began otherwise, in words; empty where it began as this one."""
+    try:
+        found = json.loads(file.read(_MOST_BEGUN_BYTES))["begun"]
+    except (ValueError, TypeError, KeyError):
+        return "by an earlier release, without a record of how"
+    names = {*found, *begun}
+    other = sorted(name for name in names if found.get(name) != begun.get(name))
+    return f"with other {', '.join(other)}" if other else ""
+
+
+def _keep(file: BinaryIO, begun: Mapping[str, Any]) -> None:
+    file.seek(0)
+    file.truncate()
+    file.write(json.dumps({"schema": f"{API_GROUP}begun/v1alpha1", "begun": begun}).encode())
+    file.flush()
+
+
+def _is_a_run_s(folder: Path) -> bool:
+    """Whether the folder has what only a run leaves: its manifest, or its logs."""
+    manifest = folder / MANIFEST
+    if manifest.is_file():
+        with manifest.open("rb") as file:
+            if f'"{API_GROUP}manifest/'.encode() in file.read(_HEAD_BYTES):
+                return True
+    # A run that died before its first journal has both logs.
+    return (folder / "driver.log").is_file() and any(
+        (folder / name).exists() for name in ("journal", "agent.log")
+    )
+
+
+def _others(folder: Path) -> str:
+    """Files and filled folders named as a run's are, but for logs, which are no loss."""
+    found = [name for name in _FILES if name not in LOGS and (folder / name).exists()]
+    found += [n for n in FOLDERS if (folder / n).is_dir() and any((folder / n).iterdir())]
+    return ", ".join(found)
+
+
+def _remove(folder: Path) -> None:
+    """Removes what a run leaves, and nothing else that may lie there."""
+    for name in _FILES:
+        (folder / name).unlink(missing_ok=True)
+    for name in FOLDERS:
+        if (folder / name).is_dir():
+            shutil.rmtree(folder / name)

@@ -1,0 +1,170 @@
+"""The folder of `bagpipe run`: whose it is, what is kept in it, and one run at a time."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bagpipe.cli.run_folder import beginning, run_folder
+from bagpipe.cli.running import RunError
+from tests.unit.bagpipe.jobs import make_row, make_spec
+from tests.unit.report.publishing import publish
+
+LAX = [{"name": "delay", "latency": {"topic": "/out", "max": "10s"}}]
+STRICT = [{"name": "delay", "latency": {"topic": "/out", "max": "1ms"}}]
+
+
+def begun(*cases: str, volumes: dict[str, str] | None = None, **changed: Any) -> dict[str, Any]:
+    return beginning(make_spec(**changed), volumes or {}, cases)
+
+
+def prepare(
+    folder: Path,
+    how: dict[str, Any] | None = None,
+    /,
+    *,
+    resume: bool = False,
+    replace: bool = False,
+) -> bool:
+    """What a run that ends at once does; whether the folder's run had ended before."""
+    wanted = begun() if how is None else how
+    with run_folder(folder, wanted, resume=resume, replace=replace) as has_ended:
+        return has_ended
+
+
+def test_an_earlier_run_is_never_overwritten_unasked(tmp_path: Path) -> None:
+    folder = publish(tmp_path, [make_row("a-0")])
+    with pytest.raises(RunError, match="without a record of how"):
+        prepare(folder, resume=True)
+    prepare(folder, replace=True)
+    folder = publish(tmp_path, [make_row("a-0")])
+    (folder / "notes.txt").write_text("mine")
+    (folder / "cases").mkdir()
+    (folder / "cases/a-0.1.bag").touch()
+    with pytest.raises(RunError, match="has a run already: write --replace"):
+        prepare(folder)
+    prepare(folder, resume=True)
+    assert (folder / "manifest.json").exists()
+    prepare(folder, replace=True)
+    # Of what lies there only what a run makes is removed.
+    assert sorted(path.name for path in folder.iterdir()) == ["notes.txt", "run.json"]
+
+
+@pytest.mark.parametrize("options", [{}, {"replace": True}, {"resume": True}])
+@pytest.mark.parametrize(
+    "name", ["cases/night/mine.bag", "job.json", "manifest.json", "journal/mine.txt"]
+)
+def test_what_no_run_has_left_is_neither_removed_nor_written_over(
+    tmp_path: Path, name: str, options: dict[str, bool]
+) -> None:
+    mine = tmp_path / name
+    mine.parent.mkdir(parents=True, exist_ok=True)
+    mine.write_text('{"name": "mine"}')
+    # One log alone may be of anything.
+    (tmp_path / "agent.log").write_text("mine too")
+    with pytest.raises(RunError, match=f"has {Path(name).parts[0]}, which no run has left"):
+        prepare(tmp_path, **options)
+    assert mine.read_text() == '{"name": "mine"}'
+
+
+def test_a_run_that_died_before_its_first_journal_is_replaced(tmp_path: Path) -> None:
+    for name in ("agent.log", "driver.log", "cases/a-0.1.bag"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    prepare(tmp_path)
+    assert (tmp_path / "cases/a-0.1.bag").exists()
+    prepare(tmp_path, replace=True)
+    assert [path.name for path in tmp_path.iterdir()] == ["run.json"]
+
+
+def test_there_need_be_no_run_to_replace(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").touch()
+    prepare(tmp_path, replace=True)
+    prepare(tmp_path / "new", replace=True)
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "new", "notes.txt", "run.json",
+    ]  # fmt: skip
+
+
+def test_an_interrupted_run_is_resumed_or_replaced(tmp_path: Path) -> None:
+    (tmp_path / "driver.log").touch()
+    (tmp_path / "journal").mkdir()
+    prepare(tmp_path)
+    (tmp_path / "journal/0001-x-000000.jsonl").touch()
+    with pytest.raises(RunError, match="has an interrupted run: --resume goes on with it"):
+        prepare(tmp_path)
+    prepare(tmp_path, resume=True)
+    assert (tmp_path / "journal/0001-x-000000.jsonl").exists()
+    prepare(tmp_path, replace=True)
+    assert not (tmp_path / "journal").exists()
+
+
+def test_a_folder_that_can_t_be_made_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(RunError, match=r"file/kept can't be written: Not a directory"):
+        prepare(tmp_path / "file/kept")
+
+
+def test_one_run_at_a_time_is_in_a_folder(tmp_path: Path) -> None:
+    """`--variant released` and `--variant pr-812` in two terminals have the same folder."""
+    with run_folder(tmp_path, begun()):
+        for name in ("driver.log", "agent.log", "cases/a-0.bag"):
+            (tmp_path / name).parent.mkdir(exist_ok=True)
+            (tmp_path / name).touch()
+        runs: list[dict[str, bool]] = [{}, {"replace": True}, {"resume": True}]
+        for options in runs:
+            with pytest.raises(RunError, match="another run is writing into"):
+                prepare(tmp_path, **options)
+        assert (tmp_path / "cases/a-0.bag").exists()
+    prepare(tmp_path, replace=True)
+    assert not (tmp_path / "cases/a-0.bag").exists()
+
+
+def interrupted(folder: Path, how: dict[str, Any]) -> None:
+    prepare(folder, how)
+    (folder / "driver.log").touch()
+    (folder / "journal").mkdir()
+    (folder / "journal/0001-x-000000.jsonl").touch()
+
+
+@pytest.mark.parametrize(
+    ("how", "differs"),
+    [
+        (begun(evaluate=STRICT), "with other evaluate,"),
+        (begun(evaluate=LAX, stack={"image": "i", "command": ["y"]}), "with other stack,"),
+        (begun("3", evaluate=LAX), "with other --cases,"),
+        (begun(evaluate=LAX, volumes={"recordings": "/b"}), "with other --volume,"),
+        (begun(evaluate=LAX, maxFailedCases=3), "with other maxFailedCases,"),
+        (begun(evaluate=LAX, faultPolicy=[{"cause": "StackCrashed", "action": "allow"}]),
+         "with other faultPolicy,"),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("ended", [False, True])
+def test_what_was_judged_otherwise_is_not_gone_on_with(
+    tmp_path: Path, how: dict[str, Any], differs: str, ended: bool
+) -> None:
+    """Its rows would count for criteria, recordings and a stack that they have never met."""
+    folder = tmp_path / "kept"
+    interrupted(folder, begun(evaluate=LAX))
+    if ended:
+        publish(tmp_path, [make_row("a-0")]).rename(tmp_path / "published")
+        (tmp_path / "published/manifest.json").rename(folder / "manifest.json")
+    with pytest.raises(RunError, match=differs):
+        prepare(folder, how, resume=True)
+    assert prepare(folder, begun(evaluate=LAX), resume=True) is ended
+    prepare(folder, how, replace=True)
+
+
+def test_more_slots_and_memory_are_the_same_run(tmp_path: Path) -> None:
+    interrupted(tmp_path, begun())
+    more = {"resources": {"limits": {"memory": "4Gi"}}}
+    stack = begun()["stack"] | more
+    prepare(tmp_path, begun(spark={"slots": 2}, stack=stack, notify=["team"]), resume=True)
+
+
+def test_a_run_of_an_earlier_release_is_not_gone_on_with(tmp_path: Path) -> None:
+    """Nothing says how it began."""
+    interrupted(tmp_path, begun())
+    (tmp_path / "run.json").unlink()
+    with pytest.raises(RunError, match="without a record of how"):
+        prepare(tmp_path, resume=True)
