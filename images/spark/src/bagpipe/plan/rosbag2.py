@@ -33,8 +33,11 @@ from bagpipe.plan.framing import framed
 from bagpipe.plan.in_force import Late
 from bagpipe.plan.part import Part
 from bagpipe.storage import OpenFile, Storage, StorageError
+from bagpipe.storage.globs import is_pattern
 
 METADATA = "metadata.yaml"
+# The names that files of recordings end in.
+_OF_FILES = frozenset({".bag", ".mcap", ".db3"})
 # A longer one is refused; rosbag2 writes about a kilobyte for each topic.
 MOST_METADATA_BYTES = 4 << 20
 # Of a file that is read whole, as it is stored and again as it is uncompressed, on this disk.
@@ -84,7 +87,11 @@ def in_folders(pattern: str, storage: Storage) -> list[str]:
     # On object storage there is no folder: there are names that begin alike.
     if pattern.endswith("/"):
         return storage.expand(f"{pattern}{METADATA}")
-    return storage.expand(pattern) or storage.expand(f"{pattern}/{METADATA}")
+    found = storage.expand(pattern)
+    # One that asks for files of a kind asks for no folders; any other may match both.
+    if found and (not is_pattern(pattern) or posixpath.splitext(pattern)[1] in _OF_FILES):
+        return found
+    return sorted({*found, *storage.expand(f"{pattern}/{METADATA}")})
 
 
 def without_members(uris: list[str], storage: Storage) -> list[str]:

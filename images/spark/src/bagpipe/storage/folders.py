@@ -30,7 +30,24 @@ def matching(pattern: str, check: Callable[[Path], None]) -> list[str]:
         names = "/".join(group) or "*"
         below = [f"{glob.escape(each.rstrip('/'))}/{names}" for each in _below(found, check)]
         found = [path for each in below for path in glob.glob(each)]  # noqa: PTH207
-    return [path for path in dict.fromkeys(found) if Path(path).is_file()]
+    return _once([path for path in dict.fromkeys(found) if Path(path).is_file()])
+
+
+def _once(paths: list[str]) -> list[str]:
+    """Each file once, by its own name where that is among them rather than by a link's."""
+    named: dict[str, str] = {}
+    folders: dict[str, str] = {}
+    for path in paths:
+        folder, _, name = path.rpartition("/")
+        if folder not in folders:
+            folders[folder] = os.path.realpath(folder or "/")
+        real = f"{folders[folder].rstrip('/')}/{name}"
+        if os.path.islink(path):  # noqa: PTH114  a hundred thousand of them
+            real = os.path.realpath(path)
+        if real not in named or path == real:
+            named[real] = path
+    kept = set(named.values())
+    return [path for path in paths if path in kept]
 
 
 def _below(bases: Iterable[str], check: Callable[[Path], None]) -> Iterator[str]:

@@ -13,7 +13,7 @@ from typing import TypeVar
 import hdfs_native
 
 from bagpipe.storage.backend import ChangedError, Stat
-from bagpipe.storage.globs import fixed_folder, matcher
+from bagpipe.storage.globs import fixed_folder, is_of_one_folder, matcher
 from bagpipe.storage.hdfs_faults import within
 from bagpipe.storage.retries import Clock, Patience, persistently
 
@@ -64,7 +64,7 @@ class HdfsBackend:
         """The files that a pattern matches, below the folder before its first wildcard."""
         folder = fixed_folder(pattern)
         matches = matcher(pattern)
-        deep = "/" in pattern[len(folder) + 1 :] or "**" in pattern
+        deep = not is_of_one_folder(pattern)
         found = (entry.path.lstrip("/") for entry in self._listed(folder, deep) if not entry.isdir)
         return [path for path in found if matches(path)]
 

@@ -2,6 +2,7 @@
 
 import contextlib
 import errno
+import glob
 import os
 import stat
 import uuid
@@ -30,6 +31,7 @@ class LocalBackend:
 
     def __init__(self, root: str) -> None:
         self._root = Path(root).resolve()
+        self._given = root.rstrip("/")
 
     def stat(self, path: str) -> Stat:
         """Size and version of a file; FileNotFoundError where there is none."""
@@ -53,7 +55,9 @@ class LocalBackend:
 
     def glob(self, pattern: str) -> list[str]:
         """The files that a pattern matches; a name that begins with a dot only where it says so."""
-        return matching(pattern, self._inside)
+        below = pattern.removeprefix(self._given)
+        # A folder that was mounted, or given, may have any name: it is no part of the pattern.
+        return matching(f"{glob.escape(self._given)}{below}", self._inside)
 
     def names(self, folder: str) -> list[str]:
         """The names in a folder; empty where it does not exist."""

@@ -16,7 +16,7 @@ import obstore
 from obstore.store import AzureStore, GCSStore, HTTPStore, S3Store
 
 from bagpipe.storage.backend import ChangedError, Stat, TransientError
-from bagpipe.storage.globs import fixed_folder, matcher
+from bagpipe.storage.globs import fixed_folder, is_of_one_folder, matcher
 from bagpipe.storage.object_faults import asked
 from bagpipe.storage.retries import Patience
 from bagpipe.storage.upload import Upload
@@ -72,18 +72,15 @@ class ObjectBackend:
     def glob(self, pattern: str) -> list[str]:
         """The objects that a pattern matches, below the folder before its first wildcard."""
         self._refuse_listing()
-        matches = matcher(pattern)
-        return [path for path in self._below(fixed_folder(pattern)) if matches(path)]
+        matches, folder = matcher(pattern), fixed_folder(pattern)
+        # The folders in it may hold millions of objects.
+        paths = self._in(folder) if is_of_one_folder(pattern) else self._below(folder)
+        return [path for path in paths if matches(path)]
 
     def names(self, folder: str) -> list[str]:
         """The names in a folder, also of folders in it; empty where it does not exist."""
         self._refuse_listing()
-        with asked():
-            try:
-                found = obstore.list_with_delimiter(self._store, folder or None)
-            except FileNotFoundError:
-                return []
-        paths = [*found["common_prefixes"], *(entry["path"] for entry in found["objects"])]
+        paths = self._in(folder, with_folders=True)
         return [path.rstrip("/").rpartition("/")[2] for path in paths]
 
     def remove(self, path: str) -> None:
@@ -127,6 +124,15 @@ class ObjectBackend:
         if (named := found.attributes.get(_WRITER)) is not None:
             return bool(named == writer)
         return found.meta["size"] == len(data) and bytes(found.bytes()) == data
+
+    def _in(self, folder: str, with_folders: bool = False) -> list[str]:
+        with asked():
+            try:
+                found = obstore.list_with_delimiter(self._store, folder or None)
+            except FileNotFoundError:
+                return []
+        folders = found["common_prefixes"] if with_folders else []
+        return [*folders, *(entry["path"] for entry in found["objects"])]
 
     def _below(self, folder: str) -> Iterator[str]:
         with asked():

@@ -35,8 +35,12 @@ class Storage:
 
     def expand(self, pattern: str) -> list[str]:
         """The URIs that a pattern names, sorted; empty where there is none."""
-        if not is_pattern(pattern):
-            return [pattern] if self.exists(pattern) else []
+        # What a pattern has found may have brackets in its name, and is found by that again.
+        plain = not is_pattern(pattern)
+        if (plain or "[" in pattern) and self.exists(pattern):
+            return [pattern]
+        if plain:
+            return []
         backend, path = locate(pattern, self.volumes, self.patience)
         with storage_errors(pattern, "read"):
             found = self._asked(lambda: backend.glob(path))
