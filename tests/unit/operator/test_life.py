@@ -2,9 +2,11 @@
 
 import pytest
 
+from bagpipe.spec import SimulationJobSpec
 from bagpipe_operator.api import names
 from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import ApiError
+from bagpipe_operator.jobs.policies.resume import INDIFFERENT_SECTIONS
 from bagpipe_operator.jobs.sweep import Sweeper
 from bagpipe_operator.jobs.view import JobView, PodView, View
 from bagpipe_operator.runtime.queue import WorkQueue
@@ -477,6 +479,11 @@ REFUSED: dict[str, tuple[Json | None, str]] = {
         earlier(stack=STACK | {"image": "lane:2"}),
         "spec.stack is not that of job old",
     ),
+    # A lenient job passes what a strict one does not.
+    "other fault policy": (
+        earlier(faultPolicy=[{"cause": "StackCrashed", "action": "allow"}]),
+        "spec.faultPolicy is not that of job old",
+    ),
     "unplanned": (
         earlier() | {"status": {"conditions": earlier()["status"]["conditions"]}},
         "ended before its cases were planned",
@@ -499,6 +506,15 @@ async def test_a_job_that_can_t_be_gone_on_from_is_refused_with_a_sentence(case:
     assert world.reason("Failed") == "True/ResumeRefused"
     assert sentence in world.message("Failed")
     assert {"startTime", "completionTime"} <= set(world.status())
+
+
+def test_each_section_of_a_spec_decides_a_case_unless_it_is_known_not_to() -> None:
+    fields = {field.alias or name for name, field in SimulationJobSpec.model_fields.items()}
+    assert fields - INDIFFERENT_SECTIONS == {
+        "source", "stack", "variants", "matrix", "playback", "record", "baseline", "evaluate",
+        "faultPolicy",
+    }  # fmt: skip
+    assert fields >= INDIFFERENT_SECTIONS
 
 
 async def test_more_memory_for_the_stack_does_not_hinder_going_on() -> None:

@@ -5,10 +5,13 @@ from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import Api, ApiError
 from bagpipe_operator.jobs.view import JobView
 
-# What decides how a case comes out; resources and the pull policy of the stack do not.
-_DECISIVE = (
-    "source", "stack", "variants", "matrix", "playback", "record", "baseline", "evaluate",
-)  # fmt: skip
+# What decides no case: where and when it runs, who is notified, and what is made of all of them.
+# Any other section of the spec does, and so does one that is added to it.
+INDIFFERENT_SECTIONS = frozenset({
+    "spark", "storage", "output", "comparison", "maxFailedCases", "backoffLimit", "quarantine",
+    "managedBy", "suspend", "queueName", "startDeadline", "activeDeadline", "ttlAfterFinished",
+    "resumeFrom", "notify",
+})  # fmt: skip
 _INDIFFERENT = frozenset({"resources", "imagePullPolicy"})
 
 
@@ -42,7 +45,7 @@ def earlier_results(job: JobView, spec: SimulationJobSpec, earlier: JobView) -> 
             f"Job {name}, which spec.resumeFrom names, has not ended: wait until it is Complete or"
             " Failed, or delete this job."
         )
-    for section in _DECISIVE:
+    for section in sorted({*job.spec, *earlier.spec} - INDIFFERENT_SECTIONS):
         if _decisive(job, section) != _decisive(earlier, section):
             raise CannotResumeError(
                 f"spec.{section} is not that of job {name}, which spec.resumeFrom names, so its"
