@@ -1,6 +1,7 @@
 """`bagpipe history`: many runs beside each other."""
 
 import fnmatch
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from bagpipe.cli.list import UNREADABLE, results_below
+from bagpipe.cli.list import results_below
 from bagpipe.cli.places import (
     RefusedError,
     folders,
@@ -27,6 +28,7 @@ from bagpipe.storage import Storage, StorageError
 _NAMED = 3
 # Cases and findings of all runs together, of some two hundred bytes each.
 _MOST_VALUES = 20_000_000
+_MOST_NOTES = 20
 
 
 @click.command("history")
@@ -92,7 +94,7 @@ def _read(uri: str, storage: Storage, jobs: str, last: int) -> tuple[History, li
     found = [each for each in listed if each["ended"] and fnmatch.fnmatchcase(each["job"], jobs)]
     if not found:
         raise StorageError(f"{uri} has no results of a job {jobs} that has ended")
-    skipped = [f"{each['results']}: {UNREADABLE}" for each in listed if each["note"] == UNREADABLE]
+    skipped = list(_without_results(listed))
     runs: list[Run] = []
     left = _MOST_VALUES
     for each in found[:last]:
@@ -104,6 +106,14 @@ def _read(uri: str, storage: Storage, jobs: str, last: int) -> tuple[History, li
     if not runs:
         raise StorageError(skipped[-1])
     return history_of(sorted(runs, key=lambda run: run.ended)), skipped
+
+
+def _without_results(listed: list[dict[str, Any]]) -> Iterator[str]:
+    """Nights of which nothing is known are no good ones: each is named, or how many there are."""
+    notes = [f"{each['results']}: {each['note']}" for each in listed if each["note"]]
+    yield from notes[:_MOST_NOTES]
+    if len(notes) > _MOST_NOTES:
+        yield f"{len(notes) - _MOST_NOTES} more have no results that can be read"
 
 
 def _data(history: History) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from bagpipe.cli.cluster.pod_logs import (
 )
 from bagpipe.cli.cluster.state import JobState, Json
 from bagpipe.cli.places import folders, output_option, print_as, results_at, volume_option
+from bagpipe.cli.terminal import plain
 from bagpipe.driver.journal import Journal
 from bagpipe.engine_fields import DEFAULT_ENGINE
 from bagpipe.report.stored import StoredResults
@@ -111,8 +112,8 @@ def _show(parts: list[LogPart], output: str) -> None:
         return
     for part in parts:
         source = f" ({part.source})" if part.source else ""
-        click.secho(f"== {part.of}{source}", bold=True)
+        click.secho(f"== {plain(part.of)}{plain(source)}", bold=True)
         for line in part.lines:
-            click.echo(line)
+            click.echo(plain(line))
         if not part.lines:
             click.echo(f"   {part.missing or 'nothing was written'}")

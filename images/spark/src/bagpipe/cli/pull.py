@@ -24,7 +24,7 @@ from bagpipe.cli.pulling.stored import StoredFolder
 from bagpipe.cli.pulling.target import Origin, Target, target_at
 from bagpipe.cli.terminal import plain
 from bagpipe.quantities import size
-from bagpipe.report.stored import MANIFEST, StoredResults
+from bagpipe.report.stored import LINES, MANIFEST, StoredResults
 from bagpipe.row_facts import recorded_names
 from bagpipe.storage import Storage, StorageError
 
@@ -234,12 +234,13 @@ def _copy(source: Folder, to: Target, only: list[str], *, shown: bool) -> _Pulle
 
 
 def _lacking(folder: Path, have: set[str]) -> list[str]:
-    """The recordings that the manifest names and the folder did not have."""
+    """What a manifest stands for and the folder did not have: the lines, and recordings."""
     if MANIFEST not in have:
         return []
     try:
         manifest = StoredResults(f"file://{folder.resolve()}", Storage({})).manifest()
-        names = [name for case in manifest["cases"] for name in recorded_names(case)]
+        # A driver that committed and could not publish leaves a manifest alone.
+        names = [LINES, *(name for case in manifest["cases"] for name in recorded_names(case))]
         return [name for name in names if "://" not in name and name not in have]
     except (
         StorageError, LookupError, TypeError, ValueError, AttributeError, RecursionError,

@@ -7,11 +7,11 @@ from typing import Any
 
 import click
 from rich.console import Console
-from rich.markup import escape
 
 from bagpipe.cli.cluster.place import Place, place_options, results_option
 from bagpipe.cli.cluster.results_of import results_of
 from bagpipe.cli.places import RefusedError, folders, output_option, print_as, volume_option
+from bagpipe.cli.terminal import unstyled
 from bagpipe.engine.chosen import engine_of
 from bagpipe.matrix.faults import MatrixError
 from bagpipe.plan.case import Case
@@ -132,17 +132,17 @@ def _explain(case: Case, spec: SimulationJobSpec, storage: Storage, bag: Path) -
 def _show(before: Row, again: dict[str, Any], fragment: Path) -> None:
     console = Console(emoji=False)
     console.print(
-        f"[bold]{again['outcome']}[/] here, {escape(str(before['outcome']))} in the job:"
-        f" {escape(str(again['case']))}"
+        f"[bold]{again['outcome']}[/] here, {unstyled(str(before['outcome']))} in the job:"
+        f" {unstyled(str(again['case']))}"
     )
     if again["message"]:
-        console.print(escape(again["message"]), highlight=False)
+        console.print(unstyled(again["message"]), highlight=False)
     for finding in again.get("criteria") or []:
         console.print(
-            escape(f"  {finding['name']}: {finding['outcome']}, {finding['message']}"),
+            unstyled(f"  {finding['name']}: {finding['outcome']}, {finding['message']}"),
             highlight=False,
         )
     for line in again.get("stderr") or []:
-        console.print(escape(f"  stderr: {line}"), highlight=False)
+        console.print(unstyled(f"  stderr: {line}"), highlight=False)
     kept = f"{fragment.name}, row.json, {again['recorded'] or '-'}"
-    console.print(escape(f"Kept in {fragment.parent}: {kept}"))
+    console.print(unstyled(f"Kept in {fragment.parent}: {kept}"))

@@ -6,8 +6,11 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from bagpipe.history.run import Found, Run
+from bagpipe.history.run import CaseOfRun, Found, Run
 from bagpipe.history.steps import more_fail_since, moved_since
+
+# Beside the criteria, whose names have no colon.
+UNJUDGED = "cases: not judged"
 
 _MOST = 10
 _MOST_QUARANTINED = 200
@@ -92,15 +95,25 @@ def history_of(runs: Sequence[Run]) -> History:
         for case in run.cases:
             if kept[case.name]:
                 continue
+            by_name[-1][UNJUDGED].append((case.name, _unjudged(case)))
             for found in case.criteria:
                 names[found.name] = found.unit or names.get(found.name, "")
                 by_name[-1][found.name].append((case.name, found))
     criteria = tuple(
         _criterion(name, unit, [each.get(name, []) for each in by_name])
-        for name, unit in names.items()
+        for name, unit in (names | {UNJUDGED: ""}).items()
     )
+    if not any(night.failed for night in criteria[-1].nights):
+        criteria = criteria[:-1]
     quarantined = tuple(_quarantined(runs))
     return History(tuple(runs), criteria, tuple(_flaky(runs)), tuple(_slowest(runs)), quarantined)
+
+
+def _unjudged(case: CaseOfRun) -> Found:
+    """What no criterion shows: a stack that crashed, a case without evidence or without an end."""
+    judged = any(found.outcome == "failed" for found in case.criteria)
+    bad = case.outcome != "passed" and not judged
+    return Found(UNJUDGED, "failed" if bad else "passed", None, "")
 
 
 def _criterion(name: str, unit: str, runs: Sequence[_Findings]) -> CriterionHistory:

@@ -22,6 +22,8 @@ _KEPT = (
     "case", "fragment", "variant", "outcome", "reason", "message", "seconds", "stderr",
     "attempts", "starts",
 )  # fmt: skip
+# No variant is called so: its name may not have a space.
+_VERDICT = "verdict of the job"
 _ELEMENTS = {"passed": "", "failed": "failure"}
 
 
@@ -46,7 +48,19 @@ def write_junit(file: IO[bytes], manifest: Mapping[str, Any], rows: Iterable[Row
     _write(file, f'<?xml version="1.0" encoding="UTF-8"?>\n<testsuites name={_quoted(job)}>\n')
     for suite, cases in itertools.groupby(ordered, lambda row: str(row.get("variant") or job)):
         _write_suite(file, job, suite, list(cases), facts)
+    green = not any(_element(row) in {"failure", "error"} for row in ordered)
+    if green and manifest.get("verdict") != "Passed":
+        _write_suite(file, job, _VERDICT, [_of_the_job(manifest, job)], facts)
     _write(file, "</testsuites>\n")
+
+
+def _of_the_job(manifest: Mapping[str, Any], job: str) -> dict[str, Any]:
+    """The verdict as a test, where no case has what is the reason for it."""
+    verdict = str(manifest.get("verdict") or "")
+    reason = str(manifest.get("verdictReason") or manifest.get("reason") or "NoVerdict")
+    outcome = "failed" if verdict == "Failed" else "invalid"
+    message = str(manifest.get("message") or f"verdict {verdict}")
+    return kept({"case": job, "outcome": outcome, "reason": reason, "message": message})
 
 
 def _write_suite(
