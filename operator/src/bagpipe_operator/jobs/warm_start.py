@@ -123,9 +123,8 @@ class WarmStarts:
             check_allowed(spec, self.settings)
         except UnusableSpecError:
             return None  # the job ends, with its sentence, when its pods are to be made
-        account = self.settings.driver_service_account
         taken_soon = set(self._chosen.values())
-        drivers = [d for d in drivers_of_pools(self.view, account) if d.uid not in taken_soon]
+        drivers = [d for d in drivers_of_pools(self.view) if d.uid not in taken_soon]
         found = chosen(self._wish(entire, spec, pool), drivers, self.pooling, self.now())
         if isinstance(found, Cold):
             return _cold(pool, found)
@@ -188,10 +187,9 @@ class WarmStarts:
 
     def _wish(self, entire: JobView, spec: SimulationJobSpec, pool: str) -> Wish:
         shape = shape_of(entire, spec, self.settings)
-        account = self.settings.driver_service_account
         own = bool(evaluator_config_maps(spec))
         queue = spec.queue_name or ""
-        return Wish(entire.namespace, pool, account, shape.digest, shape.pulls, queue, own)
+        return Wish(entire.namespace, pool, shape.digest, shape.pulls, queue, own)
 
     def shape_to_keep(self, entire: JobView, spec: SimulationJobSpec) -> str:
         """The shape of pods that wait after the job; empty where they don't."""
@@ -220,7 +218,7 @@ class WarmStarts:
         pod = standing_driver(self.view, job) if job.status.get("pool") else None
         if pod is None:
             return False
-        drivers = drivers_of_pools(self.view, self.settings.driver_service_account)
+        drivers = drivers_of_pools(self.view)
         found = next((driver for driver in drivers if driver.uid == pod.uid), None)
         if found is None:
             return False

@@ -10,13 +10,13 @@ from bagpipe_operator.jobs.pools.warm import WarmDriver
 from bagpipe_operator.jobs.view import JobView, PodView, View
 
 
-def drivers_of_pools(view: View, account: str = "") -> list[WarmDriver]:
+def drivers_of_pools(view: View) -> list[WarmDriver]:
     """All that have a job, were promised to one, or wait."""
     pooled = view.pooled()
     unfinished = (job for job in pooled if not job.finished)
     claims = (claim_of(job.status) for job in unfinished)
     promised = {claim.driver for claim in claims if claim is not None}
-    found = (_driver_of(view, job, account, promised) for job in pooled)
+    found = (_driver_of(view, job, promised) for job in pooled)
     return [driver for driver in found if driver is not None]
 
 
@@ -28,7 +28,7 @@ def standing_driver(view: View, job: JobView) -> PodView | None:
     return driver if driver is not None and runs and not driver.deleting else None
 
 
-def _driver_of(view: View, job: JobView, account: str, promised: set[str]) -> WarmDriver | None:
+def _driver_of(view: View, job: JobView, promised: set[str]) -> WarmDriver | None:
     pool = job.status.get("pool") or {}
     pod = standing_driver(view, job)
     if pod is None or not pod.shape or _failed(job):
@@ -38,7 +38,6 @@ def _driver_of(view: View, job: JobView, account: str, promised: set[str]) -> Wa
         uid=pod.uid,
         namespace=job.namespace,
         pool=str(pool.get("name") or ""),
-        account=account,
         shape=pod.shape,
         idle_since=readings.moment(job.status.get("completionTime")) if waits else None,
     )

@@ -30,7 +30,6 @@ class Wish:
 
     namespace: str
     pool: str
-    account: str
     shape: str
     pulls: bool = False
     queue: str = ""
@@ -45,18 +44,16 @@ class WarmDriver:
     uid: str
     namespace: str
     pool: str
-    account: str
     shape: str
+    """Of its pods, their account too."""
+
     idle_since: datetime | None = None
     """None as long as a job has it, or was promised it."""
-
-    leaving: bool = False
-    """Whether it has ended or is being deleted."""
 
     @property
     def waits(self) -> bool:
         """Whether it could take a job."""
-        return self.idle_since is not None and not self.leaving
+        return self.idle_since is not None
 
 
 @dataclass(frozen=True)
@@ -80,7 +77,7 @@ def chosen(
     waiting = [d for d in drivers if d.waits and (d.namespace, d.pool) == place]
     if not waiting:
         return Cold("NoneWaits", f"No driver of pool {wish.pool} waits in {wish.namespace}.")
-    alike = [d for d in waiting if (d.account, d.shape) == (wish.account, wish.shape)]
+    alike = [d for d in waiting if d.shape == wish.shape]
     if not alike:
         return Cold(
             "PodsDiffer",
