@@ -51,7 +51,7 @@ case ${BAGPIPE_IMAGE:-} in
 *[!A-Za-z0-9._:/@-]*) refuse "BAGPIPE_IMAGE is no image's name: ${BAGPIPE_IMAGE@Q}" ;;
 esac
 # Else another image would be tested than the one that the gate is for.
-if grep -qF '@IMAGE@' "$BAGPIPE_JOB"; then
+if sed -E 's/(^|[[:space:]])#.*//' "$BAGPIPE_JOB" | grep -qF '@IMAGE@'; then
   [ -n "${BAGPIPE_IMAGE:-}" ] || refuse "$BAGPIPE_JOB has @IMAGE@, and BAGPIPE_IMAGE names no image for it"
 elif [ -n "${BAGPIPE_IMAGE:-}" ]; then
   refuse "$BAGPIPE_JOB has no @IMAGE@ that $BAGPIPE_IMAGE could stand for: write it as the image under test"

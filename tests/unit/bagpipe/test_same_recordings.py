@@ -2,23 +2,28 @@
 
 import gzip
 import json
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from bagpipe.driver import job as driver
+from bagpipe.driver import patience
 from bagpipe.driver.journal import Journal
 from bagpipe.driver.keep import Keeper
 from bagpipe.driver.progress import Progress
+from bagpipe.driver.results import Results
 from bagpipe.driver.same_recordings import FILE, of_the_same_recordings
 from bagpipe.plan.case import Case
 from bagpipe.plan.fragments import Window
 from bagpipe.plan.made import Plan, Unplanned
 from bagpipe.run.case_run import Row
+from bagpipe.source.planning import plan
 from bagpipe.spec import JobFile
 from bagpipe.storage import Storage, StorageError
-from tests.unit.bagpipe.jobs import make_job, make_row
+from tests.unit.bagpipe.bags import steady, write_bag
+from tests.unit.bagpipe.jobs import make_job, make_row, make_spec
 from tests.unit.bagpipe.places import By
 
 RESULTS = "pvc://results/out/drive/uid-1"
@@ -104,16 +109,43 @@ def test_recordings_that_came_later_are_another_job_s(tmp_path: Path) -> None:
     assert (progress.verdict, drivers.ran, progress.planned) == ("Passed", ["tuesday"], 2)
 
 
-def test_a_case_that_has_another_name_by_then_is_the_same_and_gets_no_second_chance(
-    tmp_path: Path,
-) -> None:
+def test_a_case_keeps_the_name_that_it_had_first_and_gets_no_second_chance(tmp_path: Path) -> None:
     """A second recording of its name came, so that both have digits of their URIs."""
     drivers = Drivers(tmp_path)
     drivers.begin(case("monday-0000", "a/monday"), done=[ran("monday-0000", "failed", "a/monday")])
     again = case("monday-aaaa-0000", "a/monday"), case("monday-bbbb-0000", "b/monday")
     progress = drivers.go(*again)
     assert (progress.verdict, drivers.ran) == ("Failed", [])
-    assert drivers.cases() == {"monday-aaaa-0000": ("failed", "CriterionFailed")}
+    assert drivers.cases() == {"monday-0000": ("failed", "CriterionFailed")}
+
+
+@pytest.mark.parametrize(
+    ("first", "now", "named"),
+    [
+        ("monday-0000", "monday-aaaa-0000", {"0000": "monday-0000", "0012-s1": "monday-0012-s1"}),
+        ("monday-aaaa-0000", "monday-0000", {"0000": "monday-aaaa-0000"}),
+        ("data-0000", "data-000a-0000", {"0001": "data-0001"}),
+        ("monday-0001", "monday-aaaa-0000", {"0000": "monday-0000", "0001": "monday-0001"}),
+    ],
+)
+def test_all_fragments_of_a_recording_keep_their_names(
+    tmp_path: Path, first: str, now: str, named: dict[str, str]
+) -> None:
+    storage = Storage({"results": str(tmp_path)})
+    of_the_same_recordings(storage, RESULTS, Plan([case(first, "m")], []), list)
+    stem = now.rpartition("-")[0]
+    by_now = [case(f"{stem}-{number}", "m") for number in named]
+    found = of_the_same_recordings(storage, RESULTS, Plan(by_now, []), list)
+    assert [each.id for each in found.cases] == list(named.values())
+
+
+def test_files_keep_their_names_too(tmp_path: Path) -> None:
+    """A second file of its name has come, so that both have their endings."""
+    storage = Storage({"results": str(tmp_path)})
+    of_the_same_recordings(storage, RESULTS, Plan([case("drive-0001", "x")], []), list)
+    now = case("drive-0001.bin", "x"), case("drive-0001.txt", "y")
+    found = of_the_same_recordings(storage, RESULTS, Plan(list(now), []), list)
+    assert [each.id for each in found.cases] == ["drive-0001"]
 
 
 def test_a_recording_that_was_replaced_is_run_again(tmp_path: Path) -> None:
@@ -153,3 +185,120 @@ def test_what_can_t_be_read_ends_the_driver(tmp_path: Path, content: bytes) -> N
         of_the_same_recordings(
             Storage({"results": str(tmp_path)}), RESULTS, Plan([case("a")], []), list
         )
+
+
+SECOND = 1_000_000_000
+
+
+def sequence_spec() -> Any:
+    pieces = [{"bag": f"pvc://recordings/{name}.bag"} for name in "ab"]
+    return make_spec(source={"sequence": pieces})
+
+
+def bag(folder: Path, name: str) -> None:
+    write_bag(folder / f"{name}.bag", steady("/scan", 20, SECOND // 10), chunk_bytes=500)
+
+
+def test_a_sequence_whose_piece_came_later_is_not_left_out_in_silence(tmp_path: Path) -> None:
+    """It was errored for want of b.bag, which is there by now: it runs, or is errored still."""
+    (tmp_path / "r").mkdir()
+    storage = Storage({"results": str(tmp_path), "recordings": str(tmp_path / "r")})
+    bag(tmp_path / "r", "a")
+    first = of_the_same_recordings(storage, RESULTS, plan(sequence_spec(), storage), list)
+    assert (len(first.cases), len(first.unplanned)) == (0, 1)
+    bag(tmp_path / "r", "b")
+    made = plan(sequence_spec(), storage)
+    assert len(made.cases) == 1
+    second = of_the_same_recordings(storage, RESULTS, made, list)
+    assert len(second.cases) + len(second.unplanned) == 1
+
+
+def test_and_the_job_is_not_passed_without_it(tmp_path: Path) -> None:
+    """Two conditions: c1 plays x, c2 plays a and b, and b was not there yet."""
+    drivers = Drivers(tmp_path)
+    late = Unplanned("sequence-c2", "pvc://recordings/b.bag", "BagUnreadable", "b.bag: not there")
+    drivers.plan = Plan([case("x")], [late])
+    drivers.interrupts = True
+    drivers.go(case("x"), unplanned=[late])
+    drivers.interrupts, drivers.ran = False, []
+
+    class Part:
+        def __init__(self, uri: str) -> None:
+            self.bag, self.bytes = uri, 9
+
+        def as_row(self) -> dict[str, Any]:
+            return {"bag": self.bag}
+
+    parts: Any = [Part(f"pvc://recordings/{name}.bag") for name in "ab"]
+    together = Case("sequence-c2", "sequence", "v", Window(10, 20, 30), [], [], 1, parts=parts)
+    progress = drivers.go(case("x"), together)
+    assert (progress.verdict, drivers.ran) != ("Passed", ["x"])
+
+
+def test_a_piece_that_is_there_is_not_called_missing(tmp_path: Path) -> None:
+    (tmp_path / "r").mkdir()
+    storage = Storage({"results": str(tmp_path), "recordings": str(tmp_path / "r")})
+    bag(tmp_path / "r", "a")
+    bag(tmp_path / "r", "b")
+    first = of_the_same_recordings(storage, RESULTS, plan(sequence_spec(), storage), list)
+    assert len(first.cases) == 1
+    (tmp_path / "r" / "b.bag").unlink()
+    second = of_the_same_recordings(storage, RESULTS, plan(sequence_spec(), storage), list)
+    assert [each.bag for each in second.unplanned] == ["pvc://recordings/b.bag"]
+
+
+def test_a_folder_that_could_not_be_listed_is_not_called_empty(tmp_path: Path) -> None:
+    """What `expanded` makes of a listing that storage refused for a minute."""
+    storage = Storage({"results": str(tmp_path)})
+    of_the_same_recordings(storage, RESULTS, Plan([case("a"), case("b")], []), list)
+    why = "pvc://recordings/*.bag can't be read: 503 Slow Down"
+    failed = Unplanned("bag", "pvc://recordings/*.bag", "BagMissing", why)
+    second = of_the_same_recordings(storage, RESULTS, Plan([], [failed]), list)
+    words = " ".join(each.message for each in second.unplanned)
+    assert "503 Slow Down" in words, words
+
+
+class Quarantined(Drivers):
+    def go(self, *cases: Case, unplanned: list[Unplanned] | None = None) -> Progress:
+        self.plan, self.attempt = Plan(list(cases), unplanned or []), self.attempt + 1
+        until = (datetime.now(UTC).date() + timedelta(days=30)).isoformat()
+        rule = {"cases": "monday-0000", "reason": "issue 412", "until": until}
+        job: JobFile = make_job(self.volumes, quarantine=[rule])
+        progress = Progress("r")
+        try:
+            driver.run(job.model_copy(update={"attempt": self.attempt}), progress, self)
+        except SystemExit:
+            assert self.interrupts
+        return progress
+
+
+def test_a_case_keeps_its_name_and_so_its_quarantine_when_another_drive_is_uploaded(
+    tmp_path: Path,
+) -> None:
+    """*/monday.bag: b/monday.bag comes while the job's first driver is evicted."""
+    drivers = Quarantined(tmp_path)
+    began = case("monday-0000", "a/monday"), case("tuesday")
+    drivers.begin(*began, done=[ran("monday-0000", "failed", "a/monday"), ran("tuesday", "passed")])
+    came = case("monday-bbbb-0000", "b/monday")
+    progress = drivers.go(case("monday-aaaa-0000", "a/monday"), came, case("tuesday"))
+    assert (progress.verdict, drivers.ran) == ("Passed", []), progress.message
+
+
+def test_a_driver_that_dies_behind_its_manifest_leaves_results_that_another_can_publish(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drivers = Drivers(tmp_path)
+    began = case("monday-0000", "a/monday"), case("tuesday")
+    drivers.begin(*began, done=[ran("monday-0000", "passed", "a/monday")])
+    again = case("monday-aaaa-0000", "a/monday"), case("tuesday")
+
+    def dies(*_args: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Results, "publish", dies)
+        with pytest.raises(KeyboardInterrupt):
+            drivers.go(*again)
+    monkeypatch.setattr(patience, "PATIENCE_SECONDS", 0.0)
+    progress = drivers.go(*again)  # StorageError: there is no row of case monday-aaaa-0000
+    assert (progress.phase, progress.verdict) == ("Complete", "Passed")

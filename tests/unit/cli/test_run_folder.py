@@ -7,7 +7,11 @@ import pytest
 
 from bagpipe.cli.run_folder import beginning, run_folder
 from bagpipe.cli.running import RunError
+from bagpipe.driver.same_recordings import of_the_same_recordings
+from bagpipe.plan.made import Plan
+from bagpipe.storage import Storage
 from tests.unit.bagpipe.jobs import make_row, make_spec
+from tests.unit.bagpipe.test_same_recordings import case
 from tests.unit.report.publishing import publish
 
 LAX = [{"name": "delay", "latency": {"topic": "/out", "max": "10s"}}]
@@ -168,3 +172,45 @@ def test_a_run_of_an_earlier_release_is_not_gone_on_with(tmp_path: Path) -> None
     (tmp_path / "run.json").unlink()
     with pytest.raises(RunError, match="without a record of how"):
         prepare(tmp_path, resume=True)
+
+
+def test_a_run_that_was_ended_early_does_not_choose_the_recordings_of_the_next(
+    tmp_path: Path,
+) -> None:
+    """`bagpipe run --cases a`, Ctrl-C before a case ended, then `bagpipe run` of all of them."""
+    folder = tmp_path / "kept"
+    storage, uri = Storage({}), f"file://{folder}"
+    with run_folder(folder, begun("a")):
+        (folder / "driver.log").touch()
+        (folder / "agent.log").touch()
+        of_the_same_recordings(storage, uri, Plan([case("a")], []), list)
+    with run_folder(folder, begun()):  # no journal: neither --resume nor --replace is asked for
+        both = of_the_same_recordings(storage, uri, Plan([case("a"), case("b")], []), list)
+    assert [each.id for each in both.cases] == ["a", "b"]
+
+
+def test_nor_does_it_call_errored_what_the_mended_job_does_not_name(tmp_path: Path) -> None:
+    """The pattern was too wide: Ctrl-C, a narrower one is written, and it is run again."""
+    folder = tmp_path / "kept"
+    storage, uri = Storage({}), f"file://{folder}"
+    with run_folder(folder, begun()):
+        (folder / "driver.log").touch()
+        (folder / "agent.log").touch()
+        of_the_same_recordings(storage, uri, Plan([case("a"), case("old")], []), list)
+    with run_folder(folder, begun(source={"bags": ["pvc://recordings/a.bag"], "topics": ["/s"]})):
+        one = of_the_same_recordings(storage, uri, Plan([case("a")], []), list)
+    assert one.unplanned == []
+
+
+@pytest.mark.parametrize("options", [{}, {"replace": True}, {"resume": True}])
+@pytest.mark.parametrize("beside", [[], ["driver.log", "agent.log"]])
+def test_a_file_of_mine_called_run_json_is_not_written_over(
+    tmp_path: Path, options: dict[str, bool], beside: list[str]
+) -> None:
+    mine = tmp_path / "run.json"
+    mine.write_text('{"name": "mine"}')
+    for name in beside:
+        (tmp_path / name).touch()
+    with pytest.raises(RunError, match=r"run\.json, which no run has left"):
+        prepare(tmp_path, **options)
+    assert mine.read_text() == '{"name": "mine"}'

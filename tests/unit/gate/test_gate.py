@@ -254,13 +254,14 @@ def test_the_template_keeps_what_the_gate_writes() -> None:
     ("image", "of_the_job", "refusal"),
     [
         (IMAGE, "registry.example/lane:released", "has no @IMAGE@"),
-        ("", "@IMAGE@", "BAGPIPE_IMAGE names no image"),
+        (IMAGE, "registry.example/lane:1 # @IMAGE@ when it is back", "has no @IMAGE@"),
+        ("", "'@IMAGE@'", "BAGPIPE_IMAGE names no image"),
     ],
 )
 def test_an_image_and_its_place_are_there_together_or_not_at_all(
     pipeline: Pipeline, image: str, of_the_job: str, refusal: str
 ) -> None:
-    job = {"kind": "SimulationJob", "spec": {"stack": {"image": of_the_job}}}
-    (pipeline.folder / "job.yaml").write_text(yaml.safe_dump(job))
+    job = f"kind: SimulationJob\nspec:\n  stack:\n    image: {of_the_job}\n"
+    (pipeline.folder / "job.yaml").write_text(job)
     ended = pipeline.run(PASSED, BAGPIPE_IMAGE=image)
     assert (ended.returncode, refusal in ended.stderr) == (2, True), ended.stderr

@@ -15,7 +15,7 @@ from typing import Any, BinaryIO
 
 from bagpipe.cli.manifest import API_GROUP
 from bagpipe.cli.running import RunError
-from bagpipe.report.stored import BEGUN, FILES, FOLDERS, LOGS, MANIFEST
+from bagpipe.report.stored import BEGUN, FILES, FOLDERS, LOGS, MANIFEST, PUT_ONCE
 from bagpipe.spec import SimulationJobSpec
 
 # All that a run leaves in its folder: what --replace removes, but for the lock that it holds.
@@ -56,7 +56,8 @@ def run_folder(
         raise RunError("--resume keeps what --replace removes: write one of them")
     with contextlib.ExitStack() as stack:
         try:
-            if not _is_a_run_s(folder) and (others := _others(folder)):
+            others = _others(folder)
+            if others and (not _is_a_run_s(folder) or BEGUN in others):
                 raise RunError(
                     f"{folder} has {others}, which no run has left there: choose another --results"
                 )
@@ -64,8 +65,10 @@ def run_folder(
             file = stack.enter_context(_opened(folder))
             if replace:
                 _remove(folder)
-            else:
-                _check(folder, file, begun, resume)
+            elif not _goes_on(folder, file, begun, resume):
+                # Of a run that ended before its first journal: what it began with is no more.
+                for name in PUT_ONCE:
+                    (folder / name).unlink(missing_ok=True)
             _keep(file, begun)
         except OSError as error:
             raise RunError(f"{folder} can't be written: {error.strerror}") from error
@@ -86,7 +89,8 @@ def _opened(folder: Path) -> BinaryIO:
     return file
 
 
-def _check(folder: Path, file: BinaryIO, begun: Mapping[str, Any], resume: bool) -> None:
+def _goes_on(folder: Path, file: BinaryIO, begun: Mapping[str, Any], resume: bool) -> bool:
+    """Whether there is a run to go on with. Raises RunError where it was not to be, or can't."""
     ended = (folder / MANIFEST).exists()
     if ended and not resume:
         raise RunError(f"{folder} has a run already: write --replace, or another --results")
@@ -102,6 +106,7 @@ def _check(folder: Path, file: BinaryIO, begun: Mapping[str, Any], resume: bool)
             f"{folder} has a run that began {differs}, whose results say nothing of this one:"
             " --replace starts over, another --results keeps both"
         )
+    return ended or interrupted
 
 
 def _differs(file: BinaryIO, begun: Mapping[str, Any]) -> str:
@@ -139,7 +144,17 @@ def _others(folder: Path) -> str:
     """Files and filled folders named as a run's are, but for logs, which are no loss."""
     found = [name for name in _FILES if name not in LOGS and (folder / name).exists()]
     found += [n for n in FOLDERS if (folder / n).is_dir() and any((folder / n).iterdir())]
+    found += [BEGUN] if _is_another_s(folder / BEGUN) else []
     return ", ".join(found)
+
+
+def _is_another_s(begun: Path) -> bool:
+    """Whether a file of that name is none that a run has left."""
+    if not begun.is_file():
+        return False
+    with begun.open("rb") as file:
+        head = file.read(_HEAD_BYTES)
+    return bool(head) and f'"{API_GROUP}begun/'.encode() not in head
 
 
 def _remove(folder: Path) -> None:

@@ -7,7 +7,6 @@ of storage are retried here, and Spark is stopped where a job can't go on.
 import logging
 import threading
 import time
-from collections import defaultdict
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any
@@ -19,7 +18,7 @@ from bagpipe.driver.row_file import RowFile
 from bagpipe.plan.made import Plan
 from bagpipe.quarantine import Quarantine
 from bagpipe.row_facts import quarantine_of
-from bagpipe.run.case_run import Row, is_same, renamed, unplanned_row
+from bagpipe.run.case_run import Row, is_of, unplanned_row
 from bagpipe.storage import StorageError
 
 _LOOK_SECONDS = 0.5
@@ -81,23 +80,14 @@ class Keeper:
     def resume(self, planned: Plan) -> None:
         """Take what earlier drivers journaled of this plan, and the bags that yield no case.
 
-        A row counts only for the very case that was planned now, by whichever name: a bag that was
-        replaced, or cut otherwise, is run again. Raises StorageError.
+        A row counts only for the very case that was planned now: a bag that was replaced, or cut
+        otherwise, is run again. Raises StorageError.
         """
-        cases, by_bag = {case.id: case for case in planned.cases}, defaultdict(list)
-        for each in planned.cases:
-            by_bag[each.bag].append(each)
+        cases = {case.id: case for case in planned.cases}
         for journaled in self.journal.rows():
             case = cases.get(journaled["case"])
-            if case is None:
-                # Of recordings of one name the names of the cases depend on which there are.
-                case = next(
-                    (c for c in by_bag[str(journaled.get("bag"))] if is_same(journaled, c)), None
-                )
-            if case is None or not is_same(journaled, case):
-                continue
-            row = self.quarantine.marked(renamed(journaled, case))
-            if self.rows.add(row):
+            row = self.quarantine.marked(journaled)
+            if case is not None and is_of(row, case) and self.rows.add(row):
                 self.progress.add(row)
         self.take([unplanned_row(bag) for bag in planned.unplanned])
 

@@ -80,6 +80,8 @@ def failed_tasks(spark: SparkContext, stage: int) -> list[Task]:
             found += page
             if len(page) < _PAGE:
                 break
+        # Where tasks fail meanwhile, a page begins with the end of the one before.
+        found = list({(task["index"], task["attempt"]): task for task in found}.values())
     except (Py4JError, AttributeError, OSError) as error:
         log.warning("Spark does not report why starts of a case were lost: %s", error)
         return []

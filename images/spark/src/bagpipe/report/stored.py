@@ -16,9 +16,10 @@ Row = dict[str, Any]
 
 MANIFEST, LINES = "manifest.json", "results.jsonl"
 # What a job leaves in its folder beside the manifest (docs/reference/results.md).
+PUT_ONCE = ("quarantine.json", "catalogue.json", "recordings.json.gz")
 FILES = (
     LINES, "results.parquet", "junit.xml", "report.html", "comparison.json", "job.json",
-    "quarantine.json", "catalogue.json", "recordings.json.gz",
+    *PUT_ONCE,
 )  # fmt: skip
 FOLDERS = ("cases", "journal")
 # And what one that ran on this machine leaves: its logs, and what it began with.
@@ -59,10 +60,10 @@ class StoredResults:
         Also refused, at the latest at their end, where a part is missing: what got worse in it
         would be taken for new.
         """
-        self._check_that_all_ran()
+        expected = self._cases_of_all()
         spec = self.spec()
         first = spec.variants[0].name if spec and spec.variants else None
-        lines, expected = 0, len(self.manifest()["cases"])
+        lines = 0
         for row in self.rows():
             lines += 1
             if first is None or row.get("variant") == first:
@@ -73,7 +74,8 @@ class StoredResults:
                 f" {expected} cases: copy the results again, all of them"
             )
 
-    def _check_that_all_ran(self) -> None:
+    def _cases_of_all(self) -> int:
+        """How many cases the job had, all of which ran."""
         manifest = self.manifest()
         planned, ran = int(manifest["counts"].get("planned") or 0), len(manifest["cases"])
         if ran < planned:
@@ -81,6 +83,7 @@ class StoredResults:
                 f"{self.uri} is of a job that ended as {manifest['reason']} with {ran} of {planned}"
                 " cases: compare with one that ran all of its cases"
             )
+        return ran
 
     def row(self, case: str) -> Row:
         """The line of one case."""

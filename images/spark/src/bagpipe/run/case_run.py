@@ -123,20 +123,6 @@ def is_of(row: Row, case: Case) -> bool:
     return all(row.get(key) == value for key, value in _identity(case).items())
 
 
-def is_same(row: Row, case: Case) -> bool:
-    """The same, whatever the case was called."""
-    identity = _identity(case).items()
-    return all(row.get(key) == value for key, value in identity if key not in _NAMES)
-
-
-def renamed(row: Row, case: Case) -> Row:
-    """The row by the name that its case has now."""
-    return row | {name: value for name, value in _identity(case).items() if name in _NAMES}
-
-
-_NAMES = frozenset({"case", "fragment"})
-
-
 def _identity(case: Case) -> Row:
     window = [case.window.lead_in_start, case.window.start, case.window.end]
     conditions = case.conditions

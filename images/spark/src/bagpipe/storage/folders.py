@@ -34,19 +34,21 @@ def matching(pattern: str, check: Callable[[Path], None]) -> list[str]:
 
 
 def _once(paths: list[str]) -> list[str]:
-    """Each file once, by its own name where that is among them rather than by a link's."""
-    named: dict[str, str] = {}
+    """Each file once: by its own name rather than by that of a link to it, and below its own folder
+    rather than below a link to that, where these are among the paths."""
+    named: dict[str, tuple[bool, bool, str]] = {}
     folders: dict[str, str] = {}
     for path in paths:
         folder, _, name = path.rpartition("/")
         if folder not in folders:
             folders[folder] = os.path.realpath(folder or "/")
         real = f"{folders[folder].rstrip('/')}/{name}"
-        if os.path.islink(path):  # noqa: PTH114  a hundred thousand of them
+        is_link = os.path.islink(path)  # noqa: PTH114  a hundred thousand of them
+        if is_link:
             real = os.path.realpath(path)
-        if real not in named or path == real:
-            named[real] = path
-    kept = set(named.values())
+        mine = (is_link, path != real, path)
+        named[real] = min(named.get(real, mine), mine)
+    kept = {path for _, _, path in named.values()}
     return [path for path in paths if path in kept]
 
 
