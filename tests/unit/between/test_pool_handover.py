@@ -19,7 +19,7 @@ from tests.unit.operator.builders import START
 OVER = {"cold", "replaced", "ended"}
 JOBS, DRIVERS, LEADERS = ("a", "b", "c"), ("d", "e"), ("one", "two")
 POOLING = Pooling(enabled=True, idle_seconds=60.0, per_namespace=2)
-WISH = Wish("lab", "nightly", "bagpipe-driver", "shape")
+WISH = Wish("lab", "nightly", "shape")
 BASE = make_job({})
 
 EVENTS = [
@@ -119,11 +119,11 @@ class World:
         promised = {s.claim.driver for s in live if s.claim is not None}
         return [
             WarmDriver(
-                name, "lab", "nightly", "bagpipe-driver", "shape",
+                name, "lab", "nightly", "shape",
                 None if name in promised else START + timedelta(seconds=driver.idle_since),
-                leaving=not driver.alive,
             )
             for name, driver in self.drivers.items()
+            if driver.alive
         ]  # fmt: skip
 
     def lead(self, leader: str, job: str, how: str) -> None:

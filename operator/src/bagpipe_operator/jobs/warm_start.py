@@ -215,9 +215,11 @@ class WarmStarts:
 
         Those that wait go when they have waited for too long, are too many, or others need room.
         """
-        pod = standing_driver(self.view, job) if job.status.get("pool") else None
-        if pod is None:
+        if not job.status.get("pool"):
             return False
+        pod = standing_driver(self.view, job)
+        if pod is None:
+            return await self._has_unlisted_driver(job)
         drivers = drivers_of_pools(self.view)
         found = next((driver for driver in drivers if driver.uid == pod.uid), None)
         if found is None:
@@ -228,6 +230,16 @@ class WarmStarts:
             return True
         logger.info("%s/%s waits no longer: %s", pod.namespace, pod.name, why)
         return False
+
+    async def _has_unlisted_driver(self, job: JobView) -> bool:
+        """Whether only the executors are in the view yet, as when an operator starts."""
+        name = str(job.status.get("driver") or "")
+        found = await get_if_there(self.api, "pods", job.namespace, name) if name else None
+        pod = PodView.from_object(found) if found is not None else None
+        if pod is None or pod.ended or over(pod) or pod.deleting:
+            return False
+        known = self.view.driver(pod.job_uid, pod.attempt)
+        return known is None or known.uid != pod.uid
 
     async def _may_work(self, pod: PodView) -> bool:
         """Whether a driver has a job that is not in the view, as when an operator starts.

@@ -1,6 +1,5 @@
 """Jobs without room, by namespace: a loop of them is one crowd."""
 
-from dataclasses import replace
 from datetime import datetime, timedelta
 
 from bagpipe_operator.jobs.pools.crowds import Crowds
@@ -34,8 +33,8 @@ def test_each_namespace_has_its_own_and_a_quota_s_is_another_than_the_nodes() ->
     crowds.note("a", "lanes", on_nodes=True, now=after(1))
     crowds.note("b", "lanes", on_nodes=False, now=after(2))
     crowds.note("c", "depths", on_nodes=False, now=after(3))
-    lanes = Crowd("lanes", after(1))
-    assert crowds.now() == [Crowd("depths", after(3)), lanes, replace(lanes, on_nodes=True)]
+    quota, nodes = Crowd("lanes", after(2)), Crowd("lanes", after(1), on_nodes=True)
+    assert crowds.now() == [Crowd("depths", after(3)), quota, nodes]
 
 
 def test_a_clock_that_was_ahead_is_no_reason_to_remember_for_ever() -> None:

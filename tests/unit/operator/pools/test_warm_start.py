@@ -328,6 +328,19 @@ async def test_an_operator_that_starts_ends_no_driver_whose_job_it_has_not_liste
     assert ("one-1-driver" in world.pods()) is not silent
 
 
+async def test_executors_are_not_ended_before_their_driver_is_listed() -> None:
+    world = World(pooled("one"))
+    await world.run_the_first()
+    world.restart(fresh=True)
+    driver = next(pod for pod in world.view.all_pods() if pod.uid == DRIVER)
+    world.view.drop_pod(driver)
+    await world.visit("one", after=1)
+    assert world.pods() == ["one-1-driver", "one-1-exec-1"]
+    del world.api.objects["pods", "one-1-driver"]
+    await world.visit("one", after=1)
+    assert world.pods() == []
+
+
 async def test_a_schedule_knows_of_each_job_which_driver_may_run_another() -> None:
     world = World(pooled("one"), make_job("plain"))
     await world.run_the_first()

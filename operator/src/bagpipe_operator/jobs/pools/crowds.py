@@ -14,8 +14,8 @@ class Crowds:
     """For how long a namespace must have had room until its next crowd is another."""
 
     _jobs: dict[str, tuple[str, bool]] = field(default_factory=dict)
-    # By namespace: since when jobs of it have lacked room, and when one did last.
-    _times: dict[str, tuple[datetime, datetime]] = field(default_factory=dict)
+    # By namespace, and whether on nodes: since when jobs have lacked room, and when one did last.
+    _times: dict[tuple[str, bool], tuple[datetime, datetime]] = field(default_factory=dict)
 
     def note(self, uid: str, namespace: str, on_nodes: bool, now: datetime) -> None:
         """A job lacks room: on the nodes, or in its namespace's quota."""
@@ -23,8 +23,8 @@ class Crowds:
         for known, (_, last) in list(self._times.items()):
             if abs((now - last).total_seconds()) > self.rest_seconds:
                 del self._times[known]
-        since, _ = self._times.get(namespace, (now, now))
-        self._times[namespace] = (since, now)
+        since, _ = self._times.get((namespace, on_nodes), (now, now))
+        self._times[namespace, on_nodes] = (since, now)
 
     def forget(self, uid: str) -> None:
         """A job has room, has ended, or is gone."""
@@ -32,5 +32,5 @@ class Crowds:
 
     def now(self) -> list[Crowd]:
         """The crowds of jobs that lack room at present."""
-        found = {(ns, on_nodes) for ns, on_nodes in self._jobs.values() if ns in self._times}
-        return [Crowd(ns, self._times[ns][0], on_nodes) for ns, on_nodes in sorted(found)]
+        found = sorted(set(self._jobs.values()) & self._times.keys())
+        return [Crowd(where[0], self._times[where][0], where[1]) for where in found]
