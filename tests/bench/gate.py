@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from bagpipe.run.laptop import die_with_parent
+from bagpipe.run.with_parent import die_with_parent
 from tests.bench.gate_tally import Tally, answer_of
 from tests.bench.play_graph import CACHE, agent
 from tests.bench.rows import Load, Row

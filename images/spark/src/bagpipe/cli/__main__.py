@@ -19,6 +19,14 @@ def main() -> None:
     """
 
 
+def _begin_driver() -> None:
+    from bagpipe.cli.driver_process import begin  # noqa: PLC0415  no other verb needs it
+
+    begin()
+
+
+_BEFORE = {"run": _begin_driver}
+
 # Each by its command in the module of its name, and in so few words that a list cuts none.
 for name, command, short_help in (
     ("init", "init_command", "Write a job for recordings."),
@@ -41,7 +49,7 @@ for name, command, short_help in (
     ("bag", "bag_group", "Look into ROS 1 bags, cut, join, check them."),
     ("completion", "completion_command", "Print a script that completes words."),
 ):
-    main.add_command(Verb(name, command, short_help))
+    main.add_command(Verb(name, command, short_help, _BEFORE.get(name)))
 
 if __name__ == "__main__":
     main()

@@ -1,23 +1,21 @@
 """The processes of `bagpipe run`: an agent and a driver, both ended with this one."""
 
-import contextlib
 import json
 import math
 import os
 import select
 import signal
-import subprocess
-import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType
 from typing import Any
 
+from bagpipe.cli.driver_process import Process, driver
 from bagpipe.cli.pace import done_of
-from bagpipe.run.laptop import die_with_parent, serving_agent
+from bagpipe.run.laptop import serving_agent
 from bagpipe.spec import JobFile
 
 _GLANCE_SECONDS = 0.2
@@ -82,10 +80,9 @@ class Driver:
     wanted: Sequence[str] = ()
     spark: bool = False
 
-    def command(self, job: Path, shared: Path) -> list[str]:
-        """Its words."""
-        words = [sys.executable, "-m", "bagpipe.driver.local", "--job", str(job)]
-        words += ["--shared", str(shared), "--slots", str(self.slots)]
+    def words(self, job: Path, shared: Path) -> list[str]:
+        """Those of its command line."""
+        words = ["--job", str(job), "--shared", str(shared), "--slots", str(self.slots)]
         words += ["--spark"] if self.spark else []
         return words + [f"--cases={word}" for word in self.wanted]
 
@@ -111,47 +108,22 @@ def run_here(
         file.write_text(job.model_dump_json(by_alias=True))
         with (
             serving_agent(agent, shared, logs / "agent.log", wanted.slots),
-            _driver(wanted.command(file, shared), logs / "driver.log") as driver,
+            driver(wanted.words(file, shared), logs / "driver.log", _END_SECONDS) as process,
         ):
-            progress = _followed(driver, ending, show)
+            progress = _followed(process, ending, show)
     unended = progress is None or progress["phase"] not in ENDED
     if ending.count and unended:
         done = _done(progress)
         raise RunInterruptedError(f"interrupted{done}; --resume goes on with the other cases")
     if ending.late and unended:
         raise RunTooLongError(f"not ended within {seconds:g} s{_done(progress)}")
-    if progress is None or driver.returncode not in _ENDED_OF_ITSELF:
-        raise RunError(_died(driver.returncode, logs / "driver.log"))
+    if progress is None or process.returncode not in _ENDED_OF_ITSELF:
+        raise RunError(_died(process.returncode, logs / "driver.log"))
     return progress
 
 
-@contextlib.contextmanager
-def _driver(command: list[str], log: Path) -> Iterator["subprocess.Popen[bytes]"]:
-    """The driver in a process group of its own, of which nothing is left after the block."""
-    with log.open("wb") as errors:
-        driver = subprocess.Popen(
-            command,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=errors,
-            start_new_session=True,
-            preexec_fn=die_with_parent,  # noqa: PLW1509  one system call, before any thread
-        )
-    try:
-        yield driver
-        # It has closed its stdout, which it does last, or was killed.
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            driver.wait(timeout=_END_SECONDS)
-    finally:
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(driver.pid, signal.SIGKILL)
-        driver.wait()
-        if driver.stdout is not None:
-            driver.stdout.close()
-
-
 def _followed(
-    driver: "subprocess.Popen[bytes]", ending: Ending, show: Callable[[ProgressReport], None]
+    driver: Process, ending: Ending, show: Callable[[ProgressReport], None]
 ) -> ProgressReport | None:
     """The driver's last report, once it has closed its stdout; None if there is none."""
     stream = driver.stdout

@@ -6,12 +6,15 @@ again, and is given up after as many starts as there.
 
 import gc
 import logging
+import os
 import socket
+import sys
 import threading
 import time
 import traceback
 from collections import deque
 from collections.abc import Callable, Sequence
+from multiprocessing import reduction
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -20,8 +23,8 @@ from bagpipe.driver.keep import Keeper, Keeping
 from bagpipe.plan.case import Case
 from bagpipe.run.attempts import QUARANTINE_ATTEMPT
 from bagpipe.run.case_run import Row, RunContext, lost_row, run_case
-from bagpipe.run.laptop import die_with_parent
 from bagpipe.run.ran_on import ran_on
+from bagpipe.run.with_parent import die_with_parent
 
 _END_SECONDS = 10.0
 _MOST_CHARACTERS = 1000
@@ -48,7 +51,21 @@ def run_cases(
         pool.run()
 
 
-def _serve(connection: Connection, context: RunContext, run: Run) -> None:
+class _Streams:
+    """The driver's stderr, for a process that is forked off a server which has another."""
+
+    def __reduce__(self) -> tuple[Callable[[object], object], tuple[object]]:
+        return _take_over, (reduction.DupFd(sys.stderr.fileno()),)
+
+
+def _take_over(streams: Any) -> None:
+    descriptor = streams.detach()
+    for number in (1, 2):
+        os.dup2(descriptor, number)
+    os.close(descriptor)
+
+
+def _serve(connection: Connection, context: RunContext, run: Run, _streams: _Streams) -> None:
     """A process' life: cases with their numbers of starts come, rows or errors go."""
     die_with_parent()
     gc.freeze()
@@ -73,7 +90,9 @@ class _Worker:
     def __init__(self, context: RunContext, run: Run) -> None:
         forks = slot_server.forks()
         self._connection, theirs = forks.Pipe()
-        self._process = forks.Process(target=_serve, args=(theirs, context, run), daemon=True)
+        self._process = forks.Process(
+            target=_serve, args=(theirs, context, run, _Streams()), daemon=True
+        )
         self._process.start()
         theirs.close()
 

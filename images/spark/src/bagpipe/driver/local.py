@@ -1,19 +1,19 @@
 """`python -m bagpipe.driver.local`: a job's driver on a machine without Kubernetes.
 
-`bagpipe run` starts it beside an agent. What it does is in `this_machine`, which is not imported
-here: its processes import the program's main module again.
+`bagpipe run` starts it beside an agent, maybe before it knows what for: so it imports all that it
+needs, and then reads its words. What it does is in `this_machine`, which is not imported here: its
+processes import the program's main module again.
 """
 
 import sys
 
 if __name__ == "__main__":
     from bagpipe.driver import slot_server
-    from bagpipe.driver.own_stdout import own_stdout
+    from bagpipe.driver.own_stdout import awaited, own_stdout
 
     stdout = own_stdout()
-    if "--spark" not in sys.argv:
-        slot_server.start()
+    slot_server.start()
 
     from bagpipe.driver.this_machine import main
 
-    sys.exit(main(stdout))
+    sys.exit(main(stdout, awaited(sys.stdin.buffer)))

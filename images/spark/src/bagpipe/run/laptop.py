@@ -1,6 +1,5 @@
 """Cases of a job on this machine: the same agent, player and judge as in an executor's pod."""
 
-import ctypes
 import dataclasses
 import os
 import shutil
@@ -16,6 +15,7 @@ from pathlib import Path
 from bagpipe.plan.case import Case
 from bagpipe.run.case_run import Row
 from bagpipe.run.master_ports import NoPortsError, master_ports
+from bagpipe.run.with_parent import die_with_parent
 from bagpipe.source.chosen import source_of
 from bagpipe.source.planning import plan
 from bagpipe.source.source import JobSource
@@ -25,7 +25,6 @@ from bagpipe.wire.session import InputFile
 
 _READY_SECONDS = 20.0
 _END_SECONDS = 15.0
-_PR_SET_PDEATHSIG = 1
 
 
 class ReplayError(Exception):
@@ -124,11 +123,6 @@ def _serving(agent: str, shared: Path, log: Path, slots: int, port: int) -> Iter
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
-
-
-def die_with_parent() -> None:
-    """In a new process: SIGTERM comes when its parent is gone, however that one ended."""
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 def _await_ready(agent: str, shared: Path, process: "subprocess.Popen[bytes]", log: Path) -> None:

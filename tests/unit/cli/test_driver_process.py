@@ -1,0 +1,113 @@
+"""The driver's process of `bagpipe run`, started before and after it is known what for."""
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from bagpipe.cli import driver_process
+from bagpipe.cli.__main__ import main
+from tests.waiting import PATIENCE, wait_until
+
+# Writes its words to stdout, and to stderr what belongs into the log.
+PROGRAM = (
+    "import sys\n"
+    "from bagpipe.driver.own_stdout import awaited, own_stdout\n"
+    "out = own_stdout()\n"
+    "words = awaited(sys.stdin.buffer)\n"
+    "print(*words, file=out, flush=True)\n"
+    "print('a child', flush=True)\n"
+    "print('in the log', sys.stdin.read() == '', file=sys.stderr, flush=True)\n"
+)
+
+
+@pytest.fixture(autouse=True)
+def waiting(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[driver_process.Process]]:
+    """Those that wait, of which none is left."""
+    found: list[driver_process.Process] = []
+    monkeypatch.setattr(driver_process, "_PROGRAM", [sys.executable, "-c", PROGRAM])
+    monkeypatch.setattr(driver_process, "_waiting", found)
+    yield found
+    for process in found:
+        process.kill()
+        process.communicate()
+
+
+def words_and_log(tmp_path: Path) -> tuple[str, str]:
+    log = tmp_path / "driver.log"
+    log.write_text("of an earlier run")
+    with driver_process.driver(["--slots", "2"], log, PATIENCE) as process:
+        assert process.stdout is not None
+        words = process.stdout.read().decode()
+    assert process.returncode == 0
+    return words, log.read_text()
+
+
+@pytest.mark.parametrize("early", [True, False])
+def test_a_driver_has_its_words_and_its_log_whenever_it_was_started(
+    tmp_path: Path, waiting: list[driver_process.Process], early: bool
+) -> None:
+    if early:
+        driver_process.begin()
+        driver_process.begin()
+        assert len(waiting) == 1
+    assert words_and_log(tmp_path) == ("--slots 2\n", "a child\nin the log True\n")
+    assert waiting == []
+
+
+def test_one_that_has_died_meanwhile_is_replaced(
+    tmp_path: Path, waiting: list[driver_process.Process]
+) -> None:
+    driver_process.begin()
+    waiting[0].kill()
+    waiting[0].wait()
+    assert words_and_log(tmp_path) == ("--slots 2\n", "a child\nin the log True\n")
+
+
+def test_one_that_ends_before_its_words_come_is_reported_by_its_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(driver_process, "_PROGRAM", [sys.executable, "-c", "raise LookupError"])
+    log = tmp_path / "driver.log"
+    with driver_process.driver(["x" * 100_000], log, PATIENCE) as process:
+        assert process.stdout is not None
+        assert process.stdout.read() == b""
+    assert (process.returncode, log.read_text().splitlines()[-1]) == (1, "LookupError")
+
+
+def test_one_that_waits_ends_with_who_started_it() -> None:
+    program = (
+        "from bagpipe.cli import driver_process\n"
+        "driver_process.begin()\n"
+        "print(driver_process._waiting[0].pid, flush=True)\n"
+        "import os, signal; os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == -signal.SIGKILL
+
+    def is_gone() -> bool:
+        try:
+            os.kill(int(done.stdout), 0)
+        except ProcessLookupError:
+            return True
+        return False
+
+    wait_until(is_gone, PATIENCE, "the end of the driver")
+
+
+@pytest.mark.parametrize(
+    ("words", "begun"),
+    [(["run", "--help"], 0), (["run"], 0), (["list"], 0), (["run", "no.yaml"], 1)],
+)
+def test_none_is_started_for_help_or_another_verb(
+    waiting: list[driver_process.Process], words: list[str], begun: int
+) -> None:
+    CliRunner().invoke(main, words)
+    assert len(waiting) == begun
