@@ -75,7 +75,7 @@ def test_a_real_job_passes_and_leaves_what_a_cluster_leaves(laptop: Laptop) -> N
     assert result["results"] == str(folder)
     assert {path.name for path in folder.iterdir()} == {
         "manifest.json", "results.jsonl", "results.parquet", "junit.xml", "report.html",
-        "job.json", "cases", "journal", "agent.log", "driver.log",
+        "job.json", "recordings.json.gz", "run.json", "cases", "journal", "agent.log", "driver.log",
     }  # fmt: skip
     rows = rows_of(folder)
     assert [row["case"] for row in rows] == [f"joint_states-{n:04d}" for n in range(4)]

@@ -109,8 +109,7 @@ def test_a_baseline_that_is_gone_at_the_end_is_no_pass(tmp_path: Path) -> None:
     snapshot = progress.snapshot()
     assert (snapshot["phase"], snapshot["verdict"]) == ("Complete", "Invalid")
     assert snapshot["verdictReason"] == "BaselineUnreadable"
-    gone = "spec.baseline can't be read: there is no pvc://results/gone/manifest.json"
-    assert gone in snapshot["message"]
+    assert "spec.baseline can't be read: pvc://results/gone/results.jsonl" in snapshot["message"]
 
 
 def test_a_baseline_is_waited_for_as_other_storage_is() -> None:

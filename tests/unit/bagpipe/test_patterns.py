@@ -164,7 +164,7 @@ def test_a_recording_keeps_its_own_name_below_a_folder_that_is_a_link_too(tmp_pa
     for n in range(40):
         (tmp_path / "disk" / f"newest-{n:02d}.bag").symlink_to(f"drive-{n:02d}.bag")
         (tmp_path / "disk" / f"drive-{n:02d}.bag").write_text("a recording")
-    found = Storage({"r": str(tmp_path / "data")}).expand("pvc://r/*.bag")
+    found, _ = recordings(["pvc://r/*.bag"], Storage({"r": str(tmp_path / "data")}))
     assert found == [f"pvc://r/drive-{n:02d}.bag" for n in range(40)]
 
 
@@ -174,5 +174,13 @@ def test_so_it_does_below_a_link_that_the_pattern_names(tmp_path: Path) -> None:
     for n in range(40):
         (tmp_path / "2026-11-25" / f"newest-{n:02d}.bag").symlink_to(f"drive-{n:02d}.bag")
         (tmp_path / "2026-11-25" / f"drive-{n:02d}.bag").write_text("a recording")
-    found = Storage({"r": str(tmp_path)}).expand("pvc://r/latest/*.bag")
+    found, _ = recordings(["pvc://r/latest/*.bag"], Storage({"r": str(tmp_path)}))
     assert found == [f"pvc://r/latest/drive-{n:02d}.bag" for n in range(40)]
+
+
+def test_two_names_of_one_input_are_two_cases_of_a_program(tmp_path: Path) -> None:
+    """source.files of the engine exec: the name says to the program what it is to do."""
+    (tmp_path / "rain.json").write_text("{}")
+    (tmp_path / "night.json").symlink_to("rain.json")
+    found = Storage({"r": str(tmp_path)}).expand("pvc://r/*.json")
+    assert found == ["pvc://r/night.json", "pvc://r/rain.json"]

@@ -10,6 +10,7 @@ import pytest
 
 from bagpipe.driver import job as driver
 from bagpipe.driver import patience
+from bagpipe.driver.chosen import chosen
 from bagpipe.driver.journal import Journal
 from bagpipe.driver.keep import Keeper
 from bagpipe.driver.progress import Progress
@@ -49,9 +50,13 @@ class Drivers(By):
         self.storage = Storage(self.volumes)
         self.plan, self.ran = Plan([], []), list[str]()
         self.attempt, self.interrupts = 0, False
+        self.names: list[str] = []
 
     def planned(self, job: JobFile, storage: Storage) -> Plan:  # noqa: ARG002
         return self.plan
+
+    def wanted(self, planned: Plan) -> Plan:
+        return chosen(planned, self.names)
 
     def all_pass(self, cases: list[Case], keeper: Keeper) -> None:
         self.ran += [each.id for each in cases]
@@ -302,3 +307,15 @@ def test_a_driver_that_dies_behind_its_manifest_leaves_results_that_another_can_
     monkeypatch.setattr(patience, "PATIENCE_SECONDS", 0.0)
     progress = drivers.go(*again)  # StorageError: there is no row of case monday-aaaa-0000
     assert (progress.phase, progress.verdict) == ("Complete", "Passed")
+
+
+def test_three_cases_of_a_folder_that_grows_are_the_same_three_when_they_are_gone_on_with(
+    tmp_path: Path,
+) -> None:
+    """`bagpipe run --cases 3`, Ctrl-C, a recording comes whose name is the first, `--resume`."""
+    drivers = Drivers(tmp_path)
+    drivers.names = ["3"]
+    began = [case(name) for name in "bcde"]
+    drivers.begin(*began, done=[ran("b", "passed"), ran("d", "passed")])
+    progress = drivers.go(case("a"), *began)
+    assert (progress.verdict, drivers.ran) == ("Passed", ["c"]), progress.message

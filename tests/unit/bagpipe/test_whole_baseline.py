@@ -77,3 +77,26 @@ def test_a_baseline_that_was_stopped_by_max_failed_cases_is_no_whole_one(tmp_pat
     (before / "manifest.json").write_text(json.dumps(manifest))
     with pytest.raises(StorageError):
         check_baseline(f"file://{before}", Storage({}))
+
+
+def test_lines_that_were_kept_as_a_baseline_without_their_manifest_are_one_still(
+    tmp_path: Path,
+) -> None:
+    """`bagpipe pull nightly baselines/released --only results.jsonl,job.json`, then uploaded."""
+    before = publish(tmp_path, [make_row("a-0")])
+    (before / "manifest.json").unlink()
+    check_baseline(f"file://{before}", Storage({}))
+
+
+def test_of_a_manifest_no_case_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A million cases are 257 MB of it, and more as Python's objects."""
+    before = publish(tmp_path, [row(n) for n in range(3)])
+    manifest = before / "manifest.json"
+    found = json.loads(manifest.read_text())
+    filling = [case | {"filling": "x" * 500_000} for case in found.pop("cases")]
+    manifest.write_text(json.dumps(found | {"cases": filling}, indent=1))
+    monkeypatch.setattr(StoredResults, "manifest", None)
+    check_baseline(f"file://{before}", Storage({}))
+    cut(before, 2)
+    with pytest.raises(StorageError, match="has 2 lines, and its manifest 3 cases"):
+        check_baseline(f"file://{before}", Storage({}))

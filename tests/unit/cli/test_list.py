@@ -9,6 +9,7 @@ from click.testing import CliRunner
 
 from bagpipe.cli import list as listing
 from bagpipe.cli.__main__ import main
+from bagpipe.report import stored
 from tests.unit.bagpipe.jobs import make_row
 from tests.unit.report.publishing import publish
 
@@ -80,7 +81,7 @@ def test_of_a_large_manifest_the_head_is_enough(
 ) -> None:
     manifest = three["old"] / "manifest.json"
     text = manifest.read_text()
-    monkeypatch.setattr(listing, "_HEAD_BYTES", text.index('"cases": [') + 12)
+    monkeypatch.setattr(stored, "_HEAD_BYTES", text.index('"cases": [') + 12)
     # What comes behind is not read, whatever it is.
     manifest.write_text(text[: text.index('"cases": [')] + '"cases": [' + "x" * 1000)
     (found,) = json.loads(program("list", three["old"], "--output", "json").stdout)

@@ -86,7 +86,8 @@ def compare_command(
 
 def compared(before: StoredResults, after: StoredResults) -> list[dict[str, Any]]:
     """Each variant of `after` against the first of `before`. Raises StorageError."""
-    after.manifest()
+    for stored in (before, after):
+        stored.head()
     rows = list(after.rows())
     spec = after.spec()
     variants = [variant.name for variant in spec.variants] if spec else []

@@ -1,8 +1,6 @@
 """`bagpipe list`: the results below a folder, newest first."""
 
-import json
 import posixpath
-import re
 from typing import Any
 
 import click
@@ -19,8 +17,8 @@ from bagpipe.cli.places import (
     volume_option,
 )
 from bagpipe.cli.terminal import plain
-from bagpipe.report.stored import MANIFEST
-from bagpipe.row_facts import counts_of, verdict_words
+from bagpipe.report.stored import MANIFEST, ManifestUnreadableError, StoredResults
+from bagpipe.row_facts import verdict_words
 from bagpipe.storage import Storage, StorageError
 
 _JOURNAL = "journal"
@@ -29,8 +27,6 @@ UNREADABLE = "its manifest can't be read"
 _DEEPEST = 3
 _MOST_FOLDERS = 2000
 # Cases come last in a manifest, and may be a hundred thousand.
-_HEAD_BYTES = 1 << 20
-_CASES = re.compile(rb',\s*"cases": \[')
 # Names that are no folder's; of any other it is asked what is in it.
 _FILES = frozenset({".bag", ".mcap", ".db3", ".json", ".jsonl", ".html", ".log", ".yaml", ".part"})
 _COLOURS = {"Passed": "green", "Failed": "red", "Invalid": "yellow"}
@@ -94,30 +90,18 @@ def described(folder: str, storage: Storage, committed: bool) -> dict[str, Any]:
     if not committed:
         return {"results": folder} | empty | {"note": "it has no manifest: it runs, or was ended"}
     try:
-        manifest = _head(storage, posixpath.join(folder, MANIFEST))
+        manifest = StoredResults(folder, storage).head()
         return {
             "results": folder,
             "job": str(manifest["job"]["name"]),
             "phase": str(manifest["phase"]),
             "verdict": str(manifest.get("verdict") or ""),
             "ended": str((manifest.get("provenance") or {}).get("ended") or ""),
-            "counts": counts_of(manifest),
+            "counts": manifest["counts"],
             "note": "",
         }
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+    except (ManifestUnreadableError, KeyError, TypeError, AttributeError):
         return {"results": folder} | empty | {"note": UNREADABLE}
-
-
-def _head(storage: Storage, uri: str) -> dict[str, Any]:
-    file = storage.open(uri)
-    text = file.read(0, _HEAD_BYTES)
-    if file.size > len(text):
-        cases = _CASES.search(text)
-        if cases is None:
-            raise ValueError(uri)
-        text = text[: cases.start()] + b"}"
-    found = json.loads(text)
-    return dict(found)
 
 
 def _show(found: list[dict[str, Any]], console: Console) -> None:

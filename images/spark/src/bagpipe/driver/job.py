@@ -116,8 +116,12 @@ class Place(ABC):
         self.seen = Seen()
 
     def planned(self, job: JobFile, storage: Storage) -> Plan:
-        """The cases that are to run. Raises MatrixError and NoCaseError."""
+        """The job's cases. Raises MatrixError."""
         return plan(job.spec, storage)
+
+    def wanted(self, planned: Plan) -> Plan:
+        """Those of them that are to run. Raises NoCaseError."""
+        return planned
 
     @abstractmethod
     def run_cases(self, job: JobFile, cases: list[Case], keeper: Keeper) -> None:
@@ -152,7 +156,7 @@ def run(
     log.info("%d cases planned, %d bags refused", len(planned.cases), len(planned.unplanned))
     _keep_selection(planned, results, progress)
     same = partial(of_the_same_recordings, storage, results.folder, planned, journal.rows)
-    planned = patiently(same, progress)
+    planned = place.wanted(patiently(same, progress))
     progress.look_at(quarantine)
     progress.begin(len(planned.cases) + len(planned.unplanned))
     with tempfile.TemporaryDirectory() as folder, RowFile(Path(folder, "rows")) as rows:

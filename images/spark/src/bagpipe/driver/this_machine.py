@@ -26,7 +26,6 @@ from bagpipe.plan.made import Plan
 from bagpipe.run.case_run import RunContext
 from bagpipe.run.laptop import local_spec
 from bagpipe.spec import JobFile
-from bagpipe.storage import Storage
 
 _LOOK_SECONDS = 0.5
 
@@ -38,12 +37,12 @@ class ThisMachine(Place):
         super().__init__()
         self._shared = shared
         self._slots = slots
-        self._wanted = wanted
+        self._names = wanted
         self._spark = spark
 
-    def planned(self, job: JobFile, storage: Storage) -> Plan:
-        """The job's cases, as far as they are wanted."""
-        return chosen(super().planned(job, storage), self._wanted)
+    def wanted(self, planned: Plan) -> Plan:
+        """The job's cases, as far as somebody wants them."""
+        return chosen(planned, self._names)
 
     def run_cases(self, job: JobFile, cases: list[Case], keeper: Keeper) -> None:
         """Run the cases; what ran them is gone when this returns."""

@@ -30,10 +30,10 @@ def matching(pattern: str, check: Callable[[Path], None]) -> list[str]:
         names = "/".join(group) or "*"
         below = [f"{glob.escape(each.rstrip('/'))}/{names}" for each in _below(found, check)]
         found = [path for each in below for path in glob.glob(each)]  # noqa: PTH207
-    return _once([path for path in dict.fromkeys(found) if Path(path).is_file()])
+    return [path for path in dict.fromkeys(found) if Path(path).is_file()]
 
 
-def _once(paths: list[str]) -> list[str]:
+def once(paths: list[str]) -> list[str]:
     """Each file once: by its own name rather than by that of a link to it, and below its own folder
     rather than below a link to that, where these are among the paths."""
     named: dict[str, tuple[bool, bool, str]] = {}

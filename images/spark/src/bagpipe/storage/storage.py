@@ -9,6 +9,7 @@ from typing import TypeVar
 
 from bagpipe.storage.backend import Sink, Stat
 from bagpipe.storage.faults import StorageError, StorageUnfitError, storage_errors
+from bagpipe.storage.folders import once
 from bagpipe.storage.globs import is_pattern
 from bagpipe.storage.kinds import locate, restore
 from bagpipe.storage.reading import OpenFile
@@ -45,6 +46,19 @@ class Storage:
         with storage_errors(pattern, "read"):
             found = self._asked(lambda: backend.glob(path))
         return sorted(restore(pattern, name, self.volumes) for name in found)
+
+    def each_once(self, uris: list[str]) -> list[str]:
+        """Of files of volumes that links give several names, one of these; all others as they are.
+
+        Raises StorageError.
+        """
+        paths = {
+            locate(uri, self.volumes, self.patience)[1]: uri
+            for uri in uris
+            if uri.startswith(("pvc://", "file://"))
+        }
+        left_out = {paths[path] for path in paths.keys() - set(once(list(paths)))}
+        return [uri for uri in uris if uri not in left_out]
 
     def exists(self, uri: str) -> bool:
         """Whether there is a file (not a folder) of that name."""

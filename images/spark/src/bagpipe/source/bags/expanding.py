@@ -7,10 +7,10 @@ from bagpipe.storage import Storage
 
 
 def recordings(patterns: list[str], storage: Storage) -> tuple[list[str], list[Unplanned]]:
-    """The URIs, each once, and a word on each pattern without any.
+    """The URIs, each recording once whatever links lead to it, and a word on patterns without any.
 
     A folder stands there by its metadata.yaml, also where the pattern names or matches the folder
     alone.
     """
     uris, unplanned = expanded(patterns, storage, "BagMissing", in_folders)
-    return without_members(uris, storage), unplanned
+    return without_members(storage.each_once(uris), storage), unplanned
