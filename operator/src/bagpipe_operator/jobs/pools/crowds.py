@@ -5,26 +5,33 @@ from datetime import datetime
 
 from bagpipe_operator.jobs.pools.warm import Crowd
 
+# A namespace, and whether the nodes have no room: else its quota.
+_Where = tuple[str, bool]
+
 
 @dataclass
 class Crowds:
-    """Jobs that come one after the other are one crowd: a loop of them ends no pool twice."""
+    """Jobs that come one after the other are one crowd for so long: a loop of jobs that no node can
+    hold ends the pools of others once in that time, and one that waits for ever is no crowd to
+    those that come later."""
 
-    rest_seconds: float
-    """For how long a namespace must have had room until its next crowd is another."""
+    lasts_seconds: float
+    """For how long jobs that come belong to the crowd of the first."""
 
-    _jobs: dict[str, tuple[str, bool]] = field(default_factory=dict)
-    # By namespace, and whether on nodes: since when jobs have lacked room, and when one did last.
-    _times: dict[tuple[str, bool], tuple[datetime, datetime]] = field(default_factory=dict)
+    _jobs: dict[str, _Where] = field(default_factory=dict)
+    _since: dict[_Where, datetime] = field(default_factory=dict)
 
     def note(self, uid: str, namespace: str, on_nodes: bool, now: datetime) -> None:
         """A job lacks room: on the nodes, or in its namespace's quota."""
-        self._jobs[uid] = (namespace, on_nodes)
-        for known, (_, last) in list(self._times.items()):
-            if abs((now - last).total_seconds()) > self.rest_seconds:
-                del self._times[known]
-        since, _ = self._times.get((namespace, on_nodes), (now, now))
-        self._times[namespace, on_nodes] = (since, now)
+        where = (namespace, on_nodes)
+        if self._jobs.get(uid) == where:
+            return
+        over = [known for known, since in self._since.items() if self._is_over(since, now)]
+        for known in over:
+            if known == where or known not in self._jobs.values():
+                del self._since[known]
+        self._jobs[uid] = where
+        self._since.setdefault(where, now)
 
     def forget(self, uid: str) -> None:
         """A job has room, has ended, or is gone."""
@@ -32,5 +39,8 @@ class Crowds:
 
     def now(self) -> list[Crowd]:
         """The crowds of jobs that lack room at present."""
-        found = sorted(set(self._jobs.values()) & self._times.keys())
-        return [Crowd(where[0], self._times[where][0], where[1]) for where in found]
+        found = sorted(set(self._jobs.values()))
+        return [Crowd(where[0], self._since[where], where[1]) for where in found]
+
+    def _is_over(self, since: datetime, now: datetime) -> bool:
+        return abs((now - since).total_seconds()) > self.lasts_seconds
