@@ -88,6 +88,12 @@ class Drivers(By):
         return {row["case"]: (row["outcome"], row.get("reason") or "") for row in rows}
 
 
+def again(storage: Storage, planned: Plan, journaled: Any = list) -> tuple[list[str], list[str]]:
+    """What a driver of the job makes of its plan: its cases, and the URIs of what is errored."""
+    found, lost = of_the_same_recordings(storage, RESULTS, planned, journaled)
+    return [each.id for each in found.cases], [each.bag for each in [*found.unplanned, *lost]]
+
+
 def test_a_case_that_failed_counts_though_its_recording_is_gone(tmp_path: Path) -> None:
     drivers = Drivers(tmp_path)
     began = [case("tuesday"), case("monday"), case("sunday")]
@@ -140,8 +146,7 @@ def test_all_fragments_of_a_recording_keep_their_names(
     of_the_same_recordings(storage, RESULTS, Plan([case(first, "m")], []), list)
     stem = now.rpartition("-")[0]
     by_now = [case(f"{stem}-{number}", "m") for number in named]
-    found = of_the_same_recordings(storage, RESULTS, Plan(by_now, []), list)
-    assert [each.id for each in found.cases] == list(named.values())
+    assert again(storage, Plan(by_now, [])) == (list(named.values()), [])
 
 
 def test_files_keep_their_names_too(tmp_path: Path) -> None:
@@ -149,8 +154,7 @@ def test_files_keep_their_names_too(tmp_path: Path) -> None:
     storage = Storage({"results": str(tmp_path)})
     of_the_same_recordings(storage, RESULTS, Plan([case("drive-0001", "x")], []), list)
     now = case("drive-0001.bin", "x"), case("drive-0001.txt", "y")
-    found = of_the_same_recordings(storage, RESULTS, Plan(list(now), []), list)
-    assert [each.id for each in found.cases] == ["drive-0001"]
+    assert again(storage, Plan(list(now), [])) == (["drive-0001"], [])
 
 
 def test_a_recording_that_was_replaced_is_run_again(tmp_path: Path) -> None:
@@ -167,16 +171,13 @@ def test_a_part_that_is_gone_takes_the_cases_that_were_put_together_of_it(tmp_pa
     def journaled() -> list[dict[str, Any]]:
         return [{"case": "ab", "bag": "a word", "parts": [part]}]
 
-    found = of_the_same_recordings(storage, RESULTS, Plan([case("a")], []), journaled)
-    assert [each.id for each in found.cases] == ["a"]
-    assert [(each.bag, each.reason) for each in found.unplanned] == [(part["bag"], "BagMissing")]
+    assert again(storage, Plan([case("a")], []), journaled) == (["a"], [part["bag"]])
 
 
 def test_the_first_of_two_drivers_that_begin_at_once_counts(tmp_path: Path) -> None:
     storage = Storage({"results": str(tmp_path)})
-    first = of_the_same_recordings(storage, RESULTS, Plan([case("a")], []), list)
-    second = of_the_same_recordings(storage, RESULTS, Plan([case("a"), case("b")], []), list)
-    assert (first.cases, second.cases) == ([case("a")], [case("a")])
+    for planned in (Plan([case("a")], []), Plan([case("a"), case("b")], [])):
+        assert again(storage, planned) == (["a"], [])
 
 
 @pytest.mark.parametrize(
@@ -209,13 +210,11 @@ def test_a_sequence_whose_piece_came_later_is_not_left_out_in_silence(tmp_path: 
     (tmp_path / "r").mkdir()
     storage = Storage({"results": str(tmp_path), "recordings": str(tmp_path / "r")})
     bag(tmp_path / "r", "a")
-    first = of_the_same_recordings(storage, RESULTS, plan(sequence_spec(), storage), list)
-    assert (len(first.cases), len(first.unplanned)) == (0, 1)
+    assert again(storage, plan(sequence_spec(), storage)) == ([], ["pvc://recordings/b.bag"])
     bag(tmp_path / "r", "b")
     made = plan(sequence_spec(), storage)
     assert len(made.cases) == 1
-    second = of_the_same_recordings(storage, RESULTS, made, list)
-    assert len(second.cases) + len(second.unplanned) == 1
+    assert again(storage, made) == ([], [made.cases[0].bag])
 
 
 def test_and_the_job_is_not_passed_without_it(tmp_path: Path) -> None:
@@ -240,27 +239,27 @@ def test_and_the_job_is_not_passed_without_it(tmp_path: Path) -> None:
     assert (progress.verdict, drivers.ran) != ("Passed", ["x"])
 
 
-def test_a_piece_that_is_there_is_not_called_missing(tmp_path: Path) -> None:
+def test_a_piece_that_is_there_is_not_called_gone(tmp_path: Path) -> None:
     (tmp_path / "r").mkdir()
     storage = Storage({"results": str(tmp_path), "recordings": str(tmp_path / "r")})
     bag(tmp_path / "r", "a")
     bag(tmp_path / "r", "b")
-    first = of_the_same_recordings(storage, RESULTS, plan(sequence_spec(), storage), list)
-    assert len(first.cases) == 1
+    assert len(again(storage, plan(sequence_spec(), storage))[0]) == 1
     (tmp_path / "r" / "b.bag").unlink()
-    second = of_the_same_recordings(storage, RESULTS, plan(sequence_spec(), storage), list)
-    assert [each.bag for each in second.unplanned] == ["pvc://recordings/b.bag"]
+    _, lost = of_the_same_recordings(storage, RESULTS, plan(sequence_spec(), storage), list)
+    [of_a] = [each for each in lost if each.bag == "pvc://recordings/a.bag"]
+    assert "is in no case of what another driver of it found" in of_a.message
 
 
 def test_a_folder_that_could_not_be_listed_is_not_called_empty(tmp_path: Path) -> None:
     """What `expanded` makes of a listing that storage refused for a minute."""
     storage = Storage({"results": str(tmp_path)})
-    of_the_same_recordings(storage, RESULTS, Plan([case("a"), case("b")], []), list)
+    again(storage, Plan([case("a"), case("b")], []))
     why = "pvc://recordings/*.bag can't be read: 503 Slow Down"
     failed = Unplanned("bag", "pvc://recordings/*.bag", "BagMissing", why)
-    second = of_the_same_recordings(storage, RESULTS, Plan([], [failed]), list)
-    words = " ".join(each.message for each in second.unplanned)
-    assert "503 Slow Down" in words, words
+    _, lost = of_the_same_recordings(storage, RESULTS, Plan([], [failed]), list)
+    assert why in [each.message for each in lost]
+    assert len(lost) == 3
 
 
 class Quarantined(Drivers):
@@ -307,6 +306,80 @@ def test_a_driver_that_dies_behind_its_manifest_leaves_results_that_another_can_
     monkeypatch.setattr(patience, "PATIENCE_SECONDS", 0.0)
     progress = drivers.go(*again)  # StorageError: there is no row of case monday-aaaa-0000
     assert (progress.phase, progress.verdict) == ("Complete", "Passed")
+
+
+def folder(name: str, uri: str, *files: str) -> Case:
+    """A case of a folder of rosbag2, which has files of its own."""
+
+    class Part:
+        bytes = 9
+
+        def __init__(self, uri: str) -> None:
+            self.bag = uri
+
+        def as_row(self) -> dict[str, Any]:
+            return {"bag": self.bag}
+
+    parts: Any = [Part(f"{uri}/{each}") for each in files]
+    return Case(name, f"{uri}/metadata.yaml", "v", Window(10, 20, 30), [], [], 1, parts=parts)
+
+
+def test_the_cases_of_a_folder_keep_their_names_too_and_so_their_failures(tmp_path: Path) -> None:
+    drivers = Drivers(tmp_path)
+    mine = folder("monday-0000", "pvc://r/a/monday", "m_0.mcap")
+    row = make_row("monday-0000", "failed", "CriterionFailed", window=[10, 20, 30], bag_version="v")
+    drivers.begin(mine, done=[row | {"bag": mine.bag} | mine.pieces])
+    came = folder("monday-bbbb-0000", "pvc://r/b/monday", "m_0.mcap")
+    by_now = folder("monday-aaaa-0000", "pvc://r/a/monday", "m_0.mcap")
+    progress = drivers.go(by_now, came)
+    assert (progress.verdict, drivers.ran) == ("Failed", [])
+    assert list(drivers.cases()) == ["monday-0000"]
+
+
+def test_a_folder_that_was_unreadable_at_first_is_run_or_errored(tmp_path: Path) -> None:
+    storage = Storage({"results": str(tmp_path)})
+    broken = [
+        Unplanned("monday", "pvc://r/a/monday/metadata.yaml", "BagUnreadable", "503"),
+        Unplanned("broken", "pvc://r/broken.bag", "BagUnreadable", "no bag"),
+    ]
+    again(storage, Plan([], broken))
+    by_now = Plan([folder("monday-0000", "pvc://r/a/monday", "m_0.mcap")], broken[1:])
+    assert again(storage, by_now) == (["monday-0000"], ["pvc://r/broken.bag"])
+
+
+def test_what_is_lost_is_errored_whichever_cases_are_wanted(tmp_path: Path) -> None:
+    """`bagpipe run --cases '*-0000'`, a failed case, Ctrl-C; its recording goes; `--resume`."""
+    drivers = Drivers(tmp_path)
+    drivers.names = ["*-0000"]
+    began = case("night-0001-0000", "night-0001"), case("day-0001-0000", "day-0001")
+    drivers.begin(*began, done=[ran("night-0001-0000", "failed", "night-0001")])
+    progress = drivers.go(began[1])
+    assert (progress.phase, progress.reason) == ("Failed", "BagMissing")
+
+
+def test_rows_of_bags_without_cases_give_no_names(tmp_path: Path) -> None:
+    """An earlier release could not read them; another driver can, and they are two."""
+    storage = Storage({"results": str(tmp_path)})
+    names = ("drive-0001", "drive-0002")
+    uris = [f"pvc://recordings/{name}.bag" for name in names]
+
+    def journaled() -> list[dict[str, Any]]:
+        return [{"case": name, "bag": uri} for name, uri in zip(names, uris, strict=True)]
+
+    by_now = Plan([case(f"{name}-0000", name) for name in names], [])
+    assert again(storage, by_now, journaled) == (["drive-0001-0000", "drive-0002-0000"], [])
+    with_marks = Plan([case(f"{name}-aaaa-0000", name) for name in names], [])
+    assert again(storage, with_marks) == (["drive-0001-0000", "drive-0002-0000"], [])
+
+
+def test_two_cases_never_get_one_name(tmp_path: Path) -> None:
+    storage = Storage({"results": str(tmp_path)})
+    of_the_same_recordings(
+        storage, RESULTS, Plan([case("m-0000", "a"), case("m-0001", "b")], []), list
+    )
+    by_now = Plan([case("x-0000", "a"), case("y-0000", "b")], [])
+    with pytest.raises(StorageError, match="two cases would have the name m-0000"):
+        again(storage, by_now)
 
 
 def test_three_cases_of_a_folder_that_grows_are_the_same_three_when_they_are_gone_on_with(

@@ -111,3 +111,22 @@ def test_none_is_started_for_help_or_another_verb(
 ) -> None:
     CliRunner().invoke(main, words)
     assert len(waiting) == begun
+
+
+def test_tab_starts_none(waiting: list[driver_process.Process]) -> None:
+    verb = main.commands["run"]
+    verb.make_context("run", ["job.yaml"], resilient_parsing=True)
+    assert waiting == []
+
+
+def test_one_that_waits_in_vain_leaves_no_file_behind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, waiting: list[driver_process.Process]
+) -> None:
+    """The server of the slots' processes has a folder with a socket by then."""
+    monkeypatch.setattr(driver_process, "_PROGRAM", [sys.executable, "-m", "bagpipe.driver.local"])
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    driver_process.begin()
+    wait_until(lambda: any(tmp_path.glob("pymp-*/*")), PATIENCE, "the server's socket")
+    waiting[0].terminate()
+    assert waiting[0].wait(PATIENCE) == 128 + signal.SIGTERM
+    assert list(tmp_path.iterdir()) == []

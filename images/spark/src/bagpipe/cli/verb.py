@@ -36,6 +36,7 @@ class Verb(click.Command):
         **extra: Any,
     ) -> click.Context:
         """The command's own: click goes on with the command that is in the context."""
-        if self._before is not None and args and not _HELP.intersection(args):
+        completes = bool(extra.get("resilient_parsing"))
+        if self._before and args and not completes and not _HELP.intersection(args):
             self._before()
         return self.load().make_context(info_name, args, parent, **extra)

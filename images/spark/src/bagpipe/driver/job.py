@@ -8,6 +8,7 @@ import tempfile
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import FrameType
@@ -156,7 +157,10 @@ def run(
     log.info("%d cases planned, %d bags refused", len(planned.cases), len(planned.unplanned))
     _keep_selection(planned, results, progress)
     same = partial(of_the_same_recordings, storage, results.folder, planned, journal.rows)
-    planned = place.wanted(patiently(same, progress))
+    planned, lost = patiently(same, progress)
+    planned = place.wanted(planned)
+    # Whatever is wanted: it may have been in a case that was.
+    planned = replace(planned, unplanned=[*planned.unplanned, *lost])
     progress.look_at(quarantine)
     progress.begin(len(planned.cases) + len(planned.unplanned))
     with tempfile.TemporaryDirectory() as folder, RowFile(Path(folder, "rows")) as rows:

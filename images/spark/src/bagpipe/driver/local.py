@@ -8,9 +8,13 @@ processes import the program's main module again.
 import sys
 
 if __name__ == "__main__":
+    import signal
+
     from bagpipe.driver import slot_server
     from bagpipe.driver.own_stdout import awaited, own_stdout
 
+    # Who started it may end before it has words: what the server made is removed as well.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
     stdout = own_stdout()
     slot_server.start()
 

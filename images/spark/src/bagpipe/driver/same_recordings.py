@@ -10,7 +10,8 @@ import io
 import json
 import posixpath
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 from bagpipe.plan.case import Case
@@ -31,29 +32,31 @@ Recordings = dict[str, str]
 
 def of_the_same_recordings(
     storage: Storage, folder: str, planned: Plan, journaled: Callable[[], Iterable[Row]]
-) -> Plan:
-    """The plan of the recordings that the job began with, by the names that cases had then.
+) -> tuple[Plan, list[Unplanned]]:
+    """The plan of the recordings that the job began with, by the names that cases had then; and
+    what of them yields no case any more, with the reasons that there are for it.
 
-    One that is gone yields no case. A job that an earlier release has begun began with those that
-    are there and those that `journaled` gives. Raises StorageError.
+    A job that an earlier release has begun began with those that are there and those that
+    `journaled` gives. Raises StorageError.
     """
     now = recordings_of(planned)
     first = _first(storage, posixpath.join(folder, FILE), now, journaled)
     if first == now:
-        return planned
-    cases, of_others = list[Case](), list[Case]()
+        return planned, []
+    cases, lost = list[Case](), list[Unplanned]()
     for case in planned.cases:
         there = [uri in first for uri in _recordings(case)]
-        if any(there):
-            (cases if all(there) else of_others).append(case)
+        if all(there):
+            cases.append(case)
+        elif any(there):
+            lost.append(_of_others(case))
+    gone = [_gone(uri) for uri in sorted(first.keys() - now.keys())]
     unplanned = [each for each in planned.unplanned if each.bag in first]
-    lost = sorted(first.keys() - now.keys())
-    if lost:
+    if gone:
         # A folder that could not be listed has lost them, and says why.
-        unplanned = list(planned.unplanned)
-    unplanned += _gone(lost, storage, bool(unplanned))
-    unplanned += map(_of_others, of_others)
-    return replace(planned, cases=list(_renamed(cases, first, now)), unplanned=unplanned)
+        gone += [each for each in planned.unplanned if each.bag not in first]
+    made = replace(planned, cases=_renamed(cases, first, now), unplanned=unplanned)
+    return made, [*gone, *lost]
 
 
 def recordings_of(planned: Plan) -> Recordings:
@@ -61,19 +64,30 @@ def recordings_of(planned: Plan) -> Recordings:
     found = {each.bag: "" for each in planned.unplanned}
     for case in sorted(planned.cases, key=lambda case: case.id):
         for uri in _recordings(case):
-            found[uri] = found.get(uri) or ("" if case.parts else case.fragment or case.id)
+            found[uri] = found.get(uri) or (_name(case) if uri == case.bag else "")
     return found
 
 
 def _recordings(case: Case) -> list[str]:
-    return [part.bag for part in case.parts] or [case.bag]
+    """Its recording, which may be a folder of many files; else those that it is put together of."""
+    return _whose(case.bag, [part.bag for part in case.parts])
+
+
+def _whose(bag: str, parts: list[str]) -> list[str]:
+    return [bag] if "://" in bag or not parts else parts
+
+
+def _name(case: Case) -> str:
+    return case.fragment or case.id
 
 
 def _first(
     storage: Storage, uri: str, now: Recordings, journaled: Callable[[], Iterable[Row]]
 ) -> Recordings:
     if not storage.exists(uri):
-        began = now | _of_rows(journaled())
+        began = now | {
+            each: name or now.get(each, "") for each, name in _of_rows(journaled()).items()
+        }
         document = {"schema": _SCHEMA, "recordings": began}
         text = json.dumps(document, sort_keys=True).encode()
         if storage.put_once(uri, gzip.compress(text, mtime=0)):
@@ -93,27 +107,44 @@ def _first(
 def _of_rows(rows: Iterable[Row]) -> Recordings:
     found: Recordings = {}
     for row in rows:
-        parts = [str(part["bag"]) for part in row.get("parts") or []]
-        name = str(row.get("fragment") or row["case"])
-        for uri in parts or [str(row.get("bag") or "")]:
-            found[uri] = "" if parts else min(name, found.get(uri) or name)
+        bag, parts = (
+            str(row.get("bag") or ""),
+            [str(part["bag"]) for part in row.get("parts") or []],
+        )
+        # That of a bag without a case is no fragment's.
+        name = str(row.get("fragment") or row["case"]) if "window" in row else ""
+        for uri in _whose(bag, parts):
+            known = found.get(uri, "")
+            found[uri] = (min(name, known) if name and known else name or known) * (uri == bag)
     return found
 
 
-def _renamed(cases: Iterable[Case], first: Recordings, now: Recordings) -> Iterator[Case]:
+def _renamed(cases: list[Case], first: Recordings, now: Recordings) -> list[Case]:
     """The cases by the names that they had first: of recordings of one name these depend on which
-    there are, and results, quarantines and comparisons go by them."""
-    named: dict[str, tuple[str, str]] = {}
-    for uri in first.keys() & now.keys():
-        if first[uri] and now[uri] and first[uri] != now[uri]:
-            named[uri] = _stems(first[uri], now[uri])
-    for case in cases:
-        then, by_now = named.get(case.bag, ("", "")) if not case.parts else ("", "")
-        if then == by_now or not case.id.startswith(by_now):
-            yield case
-        else:
-            fragment = then + case.fragment.removeprefix(by_now) if case.fragment else ""
-            yield replace(case, id=then + case.id.removeprefix(by_now), fragment=fragment)
+    there are, and results, quarantines and comparisons go by them.
+
+    Raises StorageError where two would have one name.
+    """
+    stems = {
+        uri: _stems(first[uri], now[uri])
+        for uri in first.keys() & now.keys()
+        if first[uri] and now[uri] and first[uri] != now[uri]
+    }
+    named = [_of_stem(case, *stems.get(case.bag, ("", ""))) for case in cases]
+    counts = Counter(case.id for case in named)
+    if stems and (twice := [name for name, count in counts.items() if count > 1]):
+        raise StorageError(
+            f"two cases would have the name {min(twice)} that one had when the job began: create"
+            " the job again"
+        )
+    return named
+
+
+def _of_stem(case: Case, then: str, now: str) -> Case:
+    if then == now or not case.id.startswith(now):
+        return case
+    fragment = then + case.fragment.removeprefix(now) if case.fragment else ""
+    return replace(case, id=then + case.id.removeprefix(now), fragment=fragment)
 
 
 def _stems(first: str, now: str) -> tuple[str, str]:
@@ -122,28 +153,16 @@ def _stems(first: str, now: str) -> tuple[str, str]:
     return first, now
 
 
-def _gone(uris: list[str], storage: Storage, has_reason: bool) -> Iterator[Unplanned]:
-    """Those of which nothing is planned any more.
-
-    One that is there still is a piece of a case that something else keeps from being made; where
-    that has no reason yet, this is it.
-    """
-    for uri in uris:
-        try:
-            there = "://" in uri and storage.exists(uri)
-            what = "is planned no more" if there else "is not there any more"
-        except StorageError as error:
-            there, what = False, f"can't be looked for ({error})"
-        if there and has_reason:
-            continue
-        name = posixpath.splitext(posixpath.basename(uri))[0] or "recording"
-        yield Unplanned(
-            f"{name}-{mark_of(uri)}",
-            uri,
-            "BagMissing",
-            f"{uri}, with which the job began, {what}: its cases count as errored, whatever they"
-            " came to before; bring it back and create the job again",
-        )
+def _gone(uri: str) -> Unplanned:
+    name = posixpath.splitext(posixpath.basename(uri))[0] or "recording"
+    return Unplanned(
+        f"{name}-{mark_of(uri)}",
+        uri,
+        "BagMissing",
+        f"{uri}, with which the job began, is in no case of what another driver of it found: its"
+        " cases count as errored, whatever they came to before; bring it back and create the job"
+        " again",
+    )
 
 
 def _of_others(case: Case) -> Unplanned:

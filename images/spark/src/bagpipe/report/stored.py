@@ -28,7 +28,7 @@ LOGS = ("agent.log", "driver.log")
 BEGUN = "run.json"
 
 _MOST_MANIFEST_BYTES = 1 << 30
-_HEAD_BYTES = 1 << 20
+_HEAD_BYTES = 4 << 20
 _CASES = re.compile(rb',\s*"cases": \[')
 _MOST_FILE_BYTES = 64 << 20
 
