@@ -157,25 +157,20 @@ def test_a_pattern_of_many_stars_costs_no_time_of_powers() -> None:
     assert not matcher("/".join(["**", "a"] * 20 + ["b"]))("/".join(["a"] * 60))
 
 
-def test_a_recording_keeps_its_own_name_below_a_folder_that_is_a_link_too(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("given", "below"), [("latest", ""), ("", "latest/")], ids=["of the claim", "in the pattern"]
+)
+def test_a_recording_keeps_its_own_name_below_a_folder_that_is_a_link_too(
+    tmp_path: Path, given: str, below: str
+) -> None:
     """`bagpipe run --volume r=/data`, where /data is a link to the disk; or `latest/*.bag`."""
     (tmp_path / "disk").mkdir()
-    (tmp_path / "data").symlink_to("disk")
+    (tmp_path / "latest").symlink_to("disk")
     for n in range(40):
         (tmp_path / "disk" / f"newest-{n:02d}.bag").symlink_to(f"drive-{n:02d}.bag")
         (tmp_path / "disk" / f"drive-{n:02d}.bag").write_text("a recording")
-    found, _ = recordings(["pvc://r/*.bag"], Storage({"r": str(tmp_path / "data")}))
-    assert found == [f"pvc://r/drive-{n:02d}.bag" for n in range(40)]
-
-
-def test_so_it_does_below_a_link_that_the_pattern_names(tmp_path: Path) -> None:
-    (tmp_path / "2026-11-25").mkdir()
-    (tmp_path / "latest").symlink_to("2026-11-25")
-    for n in range(40):
-        (tmp_path / "2026-11-25" / f"newest-{n:02d}.bag").symlink_to(f"drive-{n:02d}.bag")
-        (tmp_path / "2026-11-25" / f"drive-{n:02d}.bag").write_text("a recording")
-    found, _ = recordings(["pvc://r/latest/*.bag"], Storage({"r": str(tmp_path)}))
-    assert found == [f"pvc://r/latest/drive-{n:02d}.bag" for n in range(40)]
+    found, _ = recordings([f"pvc://r/{below}*.bag"], Storage({"r": str(tmp_path / given)}))
+    assert found == [f"pvc://r/{below}drive-{n:02d}.bag" for n in range(40)]
 
 
 def test_two_names_of_one_input_are_two_cases_of_a_program(tmp_path: Path) -> None:

@@ -35,7 +35,7 @@ def test_a_laptop_waits_for_nothing_that_its_first_case_does_without(module: str
 
 
 def test_the_server_of_the_slots_processes_is_started_before_anything_takes_time() -> None:
-    code = "import sys, bagpipe.driver.slot_server, bagpipe.driver.own_stdout; print(*sys.modules)"
+    code = "import sys, bagpipe.driver.slot_server, bagpipe.driver.streams; print(*sys.modules)"
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True
     )

@@ -17,7 +17,7 @@ from tests.waiting import PATIENCE, wait_until
 # Writes its words to stdout, and to stderr what belongs into the log.
 PROGRAM = (
     "import sys\n"
-    "from bagpipe.driver.own_stdout import awaited, own_stdout\n"
+    "from bagpipe.driver.streams import awaited, own_stdout\n"
     "out = own_stdout()\n"
     "words = awaited(sys.stdin.buffer)\n"
     "print(*words, file=out, flush=True)\n"

@@ -26,7 +26,6 @@ UNREADABLE = "its manifest can't be read"
 # <output.uri>/<job>/<uid>, and a folder of several such output.uris.
 _DEEPEST = 3
 _MOST_FOLDERS = 2000
-# Cases come last in a manifest, and may be a hundred thousand.
 # Names that are no folder's; of any other it is asked what is in it.
 _FILES = frozenset({".bag", ".mcap", ".db3", ".json", ".jsonl", ".html", ".log", ".yaml", ".part"})
 _COLOURS = {"Passed": "green", "Failed": "red", "Invalid": "yellow"}

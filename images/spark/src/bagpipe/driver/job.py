@@ -153,14 +153,7 @@ def run(
         check_baseline(job.spec.compared_with, storage, job.baseline)
     patiently(partial(storage.check_put_once, results.folder), progress)
     quarantine = _quarantine(job, results, progress)
-    planned = place.planned(job, storage)
-    log.info("%d cases planned, %d bags refused", len(planned.cases), len(planned.unplanned))
-    _keep_selection(planned, results, progress)
-    same = partial(of_the_same_recordings, storage, results.folder, planned, journal.rows)
-    planned, lost = patiently(same, progress)
-    planned = place.wanted(planned)
-    # Whatever is wanted: it may have been in a case that was.
-    planned = replace(planned, unplanned=[*planned.unplanned, *lost])
+    planned = _planned(job, place, results, journal, progress)
     progress.look_at(quarantine)
     progress.begin(len(planned.cases) + len(planned.unplanned))
     with tempfile.TemporaryDirectory() as folder, RowFile(Path(folder, "rows")) as rows:
@@ -207,6 +200,23 @@ def _quarantine(job: JobFile, results: Results, progress: Progress) -> Quarantin
     if wrong := too_long(rules, day):
         raise QuarantineError("; ".join(wrong))
     return Quarantine(rules, day)
+
+
+def _planned(
+    job: JobFile, place: Place, results: Results, journal: Journal, progress: Progress
+) -> Plan:
+    """What is to run, of the recordings that the job began with.
+
+    Raises MatrixError, NoCaseError, CatalogueError and StorageError.
+    """
+    found = place.planned(job, results.storage)
+    log.info("%d cases planned, %d bags refused", len(found.cases), len(found.unplanned))
+    _keep_selection(found, results, progress)
+    same = partial(of_the_same_recordings, results.storage, results.folder, found, journal.rows)
+    began, lost = patiently(same, progress)
+    wanted = place.wanted(began)
+    # Whatever is wanted: it may have been in a case that was.
+    return replace(wanted, unplanned=[*wanted.unplanned, *lost])
 
 
 def _keep_selection(planned: Plan, results: Results, progress: Progress) -> None:

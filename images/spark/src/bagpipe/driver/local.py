@@ -11,7 +11,7 @@ if __name__ == "__main__":
     import signal
 
     from bagpipe.driver import slot_server
-    from bagpipe.driver.own_stdout import awaited, own_stdout
+    from bagpipe.driver.streams import awaited, own_stdout
 
     # Who started it may end before it has words: what the server made is removed as well.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
