@@ -58,7 +58,14 @@ class ApiError(Exception):
         return self.status == 400 and "does not support dry run" in self.message
 
 
-class Api(Protocol):
+class Objects(Protocol):
+    """Where a core/v1 object is looked up."""
+
+    async def get(self, resource: str, namespace: str, name: str) -> Json:
+        """One core/v1 object; raises ApiError."""
+
+
+class Api(Objects, Protocol):
     """What the loop needs of an API server; every method raises ApiError."""
 
     async def create(self, resource: str, manifest: Json) -> Json:
@@ -66,9 +73,6 @@ class Api(Protocol):
 
     async def try_create(self, resource: str, manifest: Json) -> None:
         """Has a core/v1 object judged as if it were created; nothing is kept."""
-
-    async def get(self, resource: str, namespace: str, name: str) -> Json:
-        """One core/v1 object."""
 
     async def events_of(self, namespace: str, uid: str) -> list[Json]:
         """At most MOST_EVENTS Events about the object with that UID."""
@@ -103,7 +107,7 @@ class Api(Protocol):
         """
 
 
-async def get_if_there(api: Api, resource: str, namespace: str, name: str) -> Json | None:
+async def get_if_there(api: Objects, resource: str, namespace: str, name: str) -> Json | None:
     """One core/v1 object, or None where there is none of that name."""
     try:
         return await api.get(resource, namespace, name)

@@ -3,32 +3,17 @@
 Asked of the API server, as an operator that starts may not know yet of the one that runs there.
 """
 
-from typing import Protocol
-
 from bagpipe_operator.api import names
-from bagpipe_operator.api.objects import Json
-from bagpipe_operator.cluster.client import ApiError
+from bagpipe_operator.cluster.client import Objects, get_if_there
 
 
-class Pods(Protocol):
-    """Where a pod is looked up."""
-
-    async def get(self, resource: str, namespace: str, name: str) -> Json:
-        """One core/v1 object; raises ApiError."""
-
-
-async def may_lend_pods(api: Pods, namespace: str, driver: str, uid: str) -> bool:
+async def may_lend_pods(api: Objects, namespace: str, driver: str, uid: str) -> bool:
     """Whether the driver that was made for an ended job, by its UID, is there and may run.
 
     Without a driver's name there is none. Raises ApiError for faults that may pass.
     """
-    if not driver:
-        return False
-    try:
-        pod = await api.get("pods", namespace, driver)
-    except ApiError as error:
-        if error.status != 404:
-            raise
+    pod = await get_if_there(api, "pods", namespace, driver) if driver else None
+    if pod is None:
         return False
     meta = pod["metadata"]
     made_for = (meta.get("labels") or {}).get(names.LABEL_JOB_UID)

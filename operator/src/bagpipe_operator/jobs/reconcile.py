@@ -51,6 +51,7 @@ from bagpipe_operator.jobs.warm_start import (
     NoOffers,
     Offers,
     WarmStarts,
+    Working,
 )
 from bagpipe_operator.jobs.whole_job import whole
 from bagpipe_operator.runtime.clock import utc_now
@@ -66,14 +67,11 @@ SILENT_DRIVER_SECONDS = 30.0
 _MOST_ASKED = 3
 
 
-class Drivers(Protocol):
+class Drivers(Working, Protocol):
     """Who asks drivers for their progress; each is known by its pod's UID."""
 
     async def read(self, uid: str, ip: str, whose: tuple[str, int]) -> Progress | None:
         """The last account of the driver of a job's (UID's) attempt."""
-
-    async def works(self, ip: str) -> bool | None:
-        """Whether the driver at that address has a job, whichever; None where none answers."""
 
     def silent_seconds(self, uid: str) -> float:
         """How long it has not answered."""

@@ -14,7 +14,7 @@ from typing import Protocol
 
 from bagpipe_operator.api import names, reasons
 from bagpipe_operator.api.objects import Json
-from bagpipe_operator.cluster.client import ApiError
+from bagpipe_operator.cluster.client import ApiError, Objects
 from bagpipe_operator.cluster.event_backlog import Creator
 from bagpipe_operator.cluster.events import Note
 from bagpipe_operator.cluster.lent_pods import may_lend_pods
@@ -36,11 +36,8 @@ LIST_EVERY = timedelta(seconds=30)
 MOST_UNANSWERED = 3
 
 
-class ScheduleApi(Creator, Protocol):
+class ScheduleApi(Objects, Creator, Protocol):
     """What schedules need of an API server; every method raises ApiError."""
-
-    async def get(self, resource: str, namespace: str, name: str) -> Json:
-        """One core/v1 object."""
 
     async def create_job(self, manifest: Json) -> Json:
         """Creates a SimulationJob."""
