@@ -47,6 +47,13 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> Lanes:
     return Lanes(config, log)
 
 
+def pytest_make_parametrize_id(val: object, argname: str) -> str | None:
+    """Bytes that can't be read name no test: what is packed may hold the second of its packing,
+    and then two processes that collect the same tests find them under different names."""
+    unreadable = isinstance(val, bytes) and not (val.isascii() and val.decode().isprintable())
+    return argname if unreadable else None
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, bool, bool]:
     meter = Meter()

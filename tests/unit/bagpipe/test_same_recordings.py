@@ -181,7 +181,9 @@ def test_the_first_of_two_drivers_that_begin_at_once_counts(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(
-    "content", [b"", b"no gzip", gzip.compress(b"{"), gzip.compress(b'{"recordings": 7}')]
+    "content",
+    [b"", b"no gzip", gzip.compress(b"{"), gzip.compress(b'{"recordings": 7}')],
+    ids=["empty", "no gzip", "no JSON", "no list"],
 )
 def test_what_can_t_be_read_ends_the_driver(tmp_path: Path, content: bytes) -> None:
     file = tmp_path / "out/drive/uid-1" / FILE

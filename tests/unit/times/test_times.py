@@ -1,5 +1,6 @@
 """The reported times of the tests are those that they took, and each test has its lane."""
 
+import gzip
 import json
 import os
 import re
@@ -10,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.conftest import TIMES, lane
+from tests.conftest import TIMES, lane, pytest_make_parametrize_id
 from tests.times import Meter, table
 
 ROOT = Path(__file__).parents[3]
@@ -61,6 +62,18 @@ def test_a_meter_counts_the_processes_that_were_waited_for() -> None:
 )
 def test_tests_that_share_servers_are_in_one_lane(place: str, expected: str) -> None:
     assert lane(place) == expected
+
+
+@pytest.mark.parametrize("value", [gzip.compress(b"{"), b"\xff", b"\x00", b"two\nlines"])
+def test_bytes_that_cant_be_read_name_no_test(value: bytes, request: pytest.FixtureRequest) -> None:
+    """Two collections of a gzip file, in different seconds, had tests of different names."""
+    assert re.fullmatch(r".*\[value\d\]", request.node.name)
+    assert pytest_make_parametrize_id(value, "value") == "value"
+
+
+@pytest.mark.parametrize("value", [b"", b"a word", "\x00", 7])
+def test_what_can_be_read_names_its_test(value: object) -> None:
+    assert pytest_make_parametrize_id(value, "value") is None
 
 
 def test_a_lane_runs_in_one_process(tmp_path: Path) -> None:
