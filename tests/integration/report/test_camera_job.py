@@ -11,9 +11,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mcap.writer import CompressionType, Writer
 from PIL import Image
+from rosbags.typesys import Stores, get_typestore
 
 from bagpipe.pictures import MOST_BYTES
+from tests import ros2_recording, ros2_standin
 from tests.integration.conftest import ROOT
 from tests.integration.laptop import Laptop
 
@@ -59,26 +62,92 @@ def spec() -> dict[str, Any]:
     }  # fmt: skip
 
 
-def test_the_report_shows_what_the_camera_saw_when_it_failed(laptop: Laptop) -> None:
-    recordings = laptop.folder / "recordings"
-    recordings.mkdir()
-    files = [photograph(laptop.folder / f"{n}.jpg", each) for n, each in enumerate(COLOURS)]
-    command = [sys.executable, str(CAMERA_BAG), str(recordings / "street.bag"), *map(str, files)]
-    subprocess.run(command, check=True, timeout=100)
-    status, _, errors = laptop.job(laptop.manifest("street", spec()))
+def failed(laptop: Laptop, spec: dict[str, Any]) -> tuple[dict[str, Any], str]:
+    """The row of the one case, which failed, and the report."""
+    status, _, errors = laptop.job(laptop.manifest("street", spec))
     assert status == 1, errors
     folder = laptop.folder / "bagpipe-results/street"
     (row,) = (json.loads(line) for line in (folder / "results.jsonl").read_text().splitlines())
     assert row["outcome"] == "failed"
+    return row, (folder / "report.html").read_text()
+
+
+def assert_shown(image: dict[str, Any], page: str) -> None:
+    """Of the photograph of the second that is one too many."""
+    assert (image["width"], image["height"], image["type"]) == (640, 480, "image/png"), image
+    assert image["at"] == pytest.approx(TOO_LATE, abs=0.11)
+    shown = Image.open(io.BytesIO(base64.b64decode(image["data"]))).convert("RGB")
+    mean = np.asarray(shown, dtype=float).mean(axis=(0, 1))
+    # By a step of the few colours that a picture with grain gets.
+    assert mean == pytest.approx(np.array(COLOURS[TOO_LATE]), abs=51)
+    assert image["data"] in page
+
+
+@pytest.fixture
+def photographs(laptop: Laptop) -> list[Path]:
+    (laptop.folder / "recordings").mkdir()
+    return [photograph(laptop.folder / f"{n}.jpg", each) for n, each in enumerate(COLOURS)]
+
+
+def test_the_report_shows_what_the_camera_saw_when_it_failed(
+    laptop: Laptop, photographs: list[Path]
+) -> None:
+    bag = laptop.folder / "recordings/street.bag"
+    subprocess.run(
+        [sys.executable, str(CAMERA_BAG), str(bag), *map(str, photographs)], check=True, timeout=100
+    )
+    row, page = failed(laptop, spec())
     images = {each["of"]: each for each in row["images"]}
     assert images["output"]["topic"] == SEEN
     assert images["input"]["topic"] == TOPIC
-    page = (folder / "report.html").read_text()
     for each in images.values():
-        assert (each["width"], each["height"], each["type"]) == (640, 480, "image/png"), each
-        assert each["at"] == pytest.approx(TOO_LATE, abs=0.11)
-        shown = Image.open(io.BytesIO(base64.b64decode(each["data"]))).convert("RGB")
-        mean = np.asarray(shown, dtype=float).mean(axis=(0, 1))
-        # By a step of the few colours that a picture with grain gets.
-        assert mean == pytest.approx(np.array(COLOURS[TOO_LATE]), abs=51)
-        assert each["data"] in page
+        assert_shown(each, page)
+
+
+def camera_mcap(path: Path, photographs: list[Path]) -> None:
+    """The frames of the bag, as a camera of ROS 2 has them recorded."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    types, kind = store.types, "sensor_msgs/msg/CompressedImage"
+    definition, _ = store.generate_msgdef(kind, ros_version=2)
+    with path.open("wb") as stream:
+        writer = Writer(stream, chunk_size=256 << 10, compression=CompressionType.ZSTD)
+        writer.start(profile="ros2", library="tests")
+        schema = writer.register_schema(kind, "ros2msg", definition.encode())
+        metadata = {"offered_qos_profiles": ros2_recording.QOS}
+        channel = writer.register_channel(TOPIC, "cdr", schema, metadata=metadata)
+        for number in range(10 * len(photographs)):
+            time = BEGIN * 10**9 + number * 10**8
+            stamp = types["builtin_interfaces/msg/Time"](*divmod(time, 10**9))
+            frame = types[kind](
+                header=types["std_msgs/msg/Header"](stamp=stamp, frame_id="camera"),
+                format="jpeg",
+                data=np.frombuffer(photographs[number // 10].read_bytes(), np.uint8),
+            )
+            writer.add_message(channel, time, bytes(store.serialize_cdr(frame, kind)), time, number)
+        writer.finish()
+
+
+def test_and_what_a_camera_of_ros_2_saw(
+    laptop: Laptop, photographs: list[Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By a node whose answers have the stamps of the frames, and no picture of their own."""
+    standin = ros2_standin.built()
+    for name, value in ros2_standin.environment(standin).items():
+        monkeypatch.setenv(name, value)
+    camera_mcap(laptop.folder / "recordings/street.mcap", photographs)
+    topics = [
+        "--sub", f"{TOPIC}:sensor_msgs/msg/CompressedImage:10:reliable",
+        "--pub", "/pose:geometry_msgs/msg/PoseStamped:10:reliable",
+        "--relay-stamp", f"{TOPIC}=/pose",
+    ]  # fmt: skip
+    job = spec()
+    job["source"]["bags"] = ["pvc://recordings/street.mcap"]
+    command = [str(standin / "standin_node"), "--name", "/relay", *topics]
+    job["stack"] |= {"engine": "ros2", "command": command}
+    job["playback"]["steps"] = [{"trigger": TOPIC, "answer": "/pose"}]
+    job["record"]["topics"] = ["/pose"]
+    job["evaluate"][0]["bounds"]["topic"] = "/pose"
+    row, page = failed(laptop, job)
+    (image,) = row["images"]
+    assert (image["of"], image["topic"]) == ("input", TOPIC)
+    assert_shown(image, page)

@@ -196,6 +196,16 @@ def test_notes_say_what_is_otherwise_here() -> None:
     assert [sentence.split()[0] for sentence in plain] == ["images", "the"]
 
 
+def test_topics_of_a_command_are_no_files_of_this_machine() -> None:
+    spec = make_spec(
+        stack=stack(command=["run", "/camera", "/seen", "/a:=/b", "--sub", "/in:T", "/no/such"]),
+        source={"bags": ["pvc://rec/a.bag"], "topics": ["/camera"]},
+        record={"topics": ["/seen"]},
+    )
+    named = [sentence for sentence in notes(spec, Path("kept")) if "stack.command" in sentence]
+    assert named == ["stack.command names /no/such, which is not on this machine"]
+
+
 def test_a_schedule_is_of_a_cluster_and_nothing_is_compared_here(machine: Machine) -> None:
     spec, found = without_schedule(make_spec(baseline={"lastPassed": "schedule/nightly"}))
     assert spec.baseline is None

@@ -117,8 +117,8 @@ def notes(spec: SimulationJobSpec, folder: Path) -> Iterator[str]:
         "images are not used here: the stack's command runs as a process of this machine, with"
         " your rights and without limits"
     )
-    for word in sorted({word for stack in _stacks(spec) for word in stack.command[1:]}):
-        if word.startswith("/") and not Path(word).exists():
+    for word in _files_named(spec):
+        if not Path(word).exists():
             yield f"stack.command names {word}, which is not on this machine"
     for source in spec.stack.env_from:
         named = source.secret_ref or source.config_map_ref
@@ -180,6 +180,20 @@ def _of_the_variants(spec: SimulationJobSpec) -> Iterator[str]:
                 f" {variant.name}"
             )
         seen.setdefault(same, variant)
+
+
+def _files_named(spec: SimulationJobSpec) -> list[str]:
+    """The words after a command's first that begin with a slash and are no topic of the job.
+
+    Remaps of ROS (/a:=/b) and QoS by topic have a colon or an equals sign, files seldom.
+    """
+    words = {word for stack in _stacks(spec) for word in stack.command[1:]}
+    answers = {topic for step in spec.playback.steps for topic in (step.trigger, step.answer)}
+    recorded = spec.record.topics if spec.record else ()
+    topics = {*(spec.source.topics or ()), *recorded, *answers}
+    return sorted(
+        word for word in words - topics if word.startswith("/") and not set(":=") & set(word)
+    )
 
 
 def _stacks(spec: SimulationJobSpec) -> list[Stack]:
