@@ -44,11 +44,14 @@ def pauses(every: float) -> Iterator[float]:
 
 
 def wait_until(
-    look: Callable[[], Seen | None], seconds: float, what: str, every: float = 0.02
+    look: Callable[[], Seen | None],
+    seconds: float,
+    what: str | Callable[[], str],
+    every: float = 0.02,
 ) -> Seen:
     """The first true thing that is seen, looked for every so many seconds, and more seldom later.
 
-    Raises NotSeenError with `what` where there is none in `seconds`.
+    Raises NotSeenError with `what`, as it is then, where there is none in `seconds`.
     """
     deadline = time.monotonic() + seconds
     never = threading.Event()
@@ -58,4 +61,4 @@ def wait_until(
         if time.monotonic() > deadline:
             break
         never.wait(pause)
-    raise NotSeenError(f"after {seconds:.0f} s: {what}")
+    raise NotSeenError(f"after {seconds:.0f} s: {what if isinstance(what, str) else what()}")

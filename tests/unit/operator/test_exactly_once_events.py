@@ -75,7 +75,7 @@ async def test_a_replica_that_leads_again_reports_what_the_one_between_owed() ->
 async def test_a_lead_that_lapses_loses_no_event_that_could_not_be_written() -> None:
     """An API server that takes no Events for long is also one that renews no Lease."""
     world = World()
-    world.api.fail("create events", KILLED, KILLED)
+    world.api.fail("create events", *[KILLED] * 3)
     with pytest.raises(ApiError, match="killed"):
         await world.reconcile()
     world.deliver(make_driver("x").ended(0, account("Complete", reason="AllCasesRan")))
@@ -99,6 +99,34 @@ async def test_what_was_owed_is_reported_before_another_status_takes_its_place()
     with pytest.raises(ApiError, match="killed"):
         await world.reconcile(after=2)
     assert world.api.event_reasons() == ["DriverCreated", "DriverImageUnavailable"]
+
+
+@pytest.mark.parametrize("fault", ["events", "status"])
+async def test_nor_is_what_an_operator_owes_itself_put_off_beyond_another_status(
+    fault: str,
+) -> None:
+    """An Event is refused once, or the answer to its status lost; then the job is suspended
+    again, and the operator killed: the Event is all that is left of the resumption."""
+    world = World(make_job("x").with_spec("suspend", True))
+    await world.reconcile()
+    edit(world, suspend=False)
+    if fault == "events":
+        world.api.fail("create events", KILLED)
+    else:
+        world.api.lost.add("patch status")
+    with pytest.raises(ApiError):
+        await world.reconcile()
+    world.deliver_job()
+    assert world.reason("Suspended") == "False/JobResumed"
+    edit(world, suspend=True)
+    world.api.lost.add("patch status")
+    with pytest.raises(ApiError):
+        await world.reconcile(after=2)
+    world.reconciler = world.restarted(world.view)
+    world.deliver_job()
+    assert world.reason("Suspended") == "True/JobSuspended"
+    await world.reconcile(after=15)
+    assert world.api.event_reasons() == ["JobSuspended", "JobResumed", "JobSuspended"]
 
 
 async def test_events_that_are_refused_at_first_sight_do_not_hold_the_job_up() -> None:

@@ -22,6 +22,12 @@ def test_it_looks_at_least_once_and_says_what_was_not_there() -> None:
     assert isinstance(missed.value, TimeoutError)
 
 
+def test_a_sentence_is_made_after_the_last_look() -> None:
+    looks: list[None] = []
+    with pytest.raises(NotSeenError, match=r": 1 looks$"):
+        wait_until(lambda: looks.append(None), -1, lambda: f"{len(looks)} looks")
+
+
 def test_what_is_long_in_coming_is_looked_for_more_seldom() -> None:
     found = list(islice(pauses(0.02), 8))
     assert found == pytest.approx([0.02, 0.03, 0.045, 0.0675, 0.10125, 0.151875, 0.2, 0.2])

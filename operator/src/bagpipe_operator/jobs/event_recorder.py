@@ -38,17 +38,18 @@ class EventRecorder:
         self._met.clear()
         self._backlog.keep_only(known)
 
-    async def meet(self, job: JobView, now: datetime) -> None:
-        """The first sight of a job by this leader: writes the Events that its predecessor owes.
+    async def catch_up(self, job: JobView, now: datetime) -> None:
+        """Writes the Events that are owed, at the first sight of a job those of the predecessor.
 
-        At once: the next status may be another one, and this operator may be killed in its turn.
-        Release 0.1.0 wrote no lostDrivers and named its Events at random: each would appear twice.
+        Before the job goes on: the next status may be another one, which does not show them any
+        more, and this operator may be killed. Events that are refused do not hold the job up.
         """
-        if job.uid in self._met:
-            return
-        self._met.add(job.uid)
-        if "lostDrivers" in job.status:
-            self.add(job, transitions.recent(job.status.get("conditions") or [], now))
+        if job.uid not in self._met:
+            self._met.add(job.uid)
+            # Release 0.1.0 wrote no lostDrivers and named its Events at random: again, they
+            # would appear twice.
+            if "lostDrivers" in job.status:
+                self.add(job, transitions.recent(job.status.get("conditions") or [], now))
         try:
             await self.write(job, now)
         except ApiError as error:

@@ -150,7 +150,7 @@ class Reconciler:
         before = self._unanswered.get(uid)
         if before is not None and before.resource_version != job.resource_version:
             self._written(before, job)
-        await self._recorder.meet(job, self.now())
+        await self._recorder.catch_up(job, self.now())
         if not job.finished:
             job = await self._advance(job)
         else:

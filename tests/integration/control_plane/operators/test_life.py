@@ -136,7 +136,7 @@ def test_suspend_before_any_pod_and_while_running(
     twice = ["DriverCreated", "JobResumed", "JobSuspended"]
     wait_until(
         lambda: world.events("rests") == sorted(twice * 2), SECONDS,
-        f"not every transition was reported: {world.events('rests')}",
+        lambda: f"not every transition was reported: {world.events('rests')}",
     )  # fmt: skip
 
 
