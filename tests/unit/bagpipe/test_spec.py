@@ -72,6 +72,14 @@ def test_defaults() -> None:
         ({"playback": {"rounds": 101}}, "less than or equal to 100"),
         ({"playback": {"caseTimeout": "0s"}}, "above zero"),
         ({"playback": {"mode": "lockstep"}}, "playback.steps are missing"),
+        (
+            {
+                "playback": {"mode": "lockstep", "steps": [{"trigger": "/a", "answer": "/b"}]},
+                "record": {"topics": ["/b"]},
+                "evaluate": [{"name": "fast", "latency": {"topic": "/b", "max": "1s"}}],
+            },
+            r"evaluate\[fast\] has latency, and in lock-step an answer has the time of its input",
+        ),
         ({"playback": {"steps": [{"trigger": "/a", "answer": "/b"}]}}, "write that as well"),
         ({"playback": {"mode": "lockstep", "steps": [{"trigger": "a", "answer": "/b"}]}}, "/a"),
         ({"stack": {"image": "x", "command": []}}, "at least 1 item"),

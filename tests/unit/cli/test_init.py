@@ -148,6 +148,9 @@ def test_criteria_say_what_the_recording_shows(tmp_path: Path) -> None:
     (slowest,) = re.findall(r"# 80 % of the slowest of 3 fragments, (\S+)\n", done.stdout)
     assert 9.2 <= float(slowest) <= 9.3
     assert "the longest that was recorded is 1.5 s\n" in done.stdout
+    done = init(bag, "--output", "/out", "--mode", "lockstep", "--step", "/in=/out")
+    assert [each["name"] for each in done.spec["evaluate"]] == ["out rate", "out gap"]
+    assert "# /out: in lock-step no latency is demanded: steps have deadlines." in done.stdout
 
 
 @pytest.mark.parametrize(

@@ -254,3 +254,51 @@ def test_what_can_t_be_measured_is_reported(entries: list[Any], sentence: str) -
     finding = found(entries, minDistance=1)
     assert (finding.outcome, finding.figure) == ("invalid", None)
     assert finding.message.startswith(sentence)
+
+
+def pass_by(*scenes: tuple[float, list[Point]], speed: float = 20.0) -> list[Any]:
+    """An ego that drives along x, with a pose each 50 ms, and what it meets."""
+    course = [ego(10 + step / 20, step / 20 * speed) for step in range(200)]
+    return course + [cars(at, *points) for at, points in scenes]
+
+
+@pytest.mark.parametrize(
+    ("place", "distance"),
+    [(45.5, 0.5), (45.0, 0.0), (54.0, 0.0)],
+    ids=["beside a pose", "at a pose", "at a scene"],
+)
+def test_an_obstacle_that_stands_is_met_between_its_messages_too(
+    place: float, distance: float
+) -> None:
+    other = (300.0, 40.0)
+    scenes = [(10 + n * 0.9, [(place, 0.0), other][:: 1 if n % 2 else -1]) for n in range(12)]
+    finding = found(pass_by(*scenes), minDistance=5, maxAge="1s")
+    assert finding.outcome == "failed"
+    assert finding.figure == pytest.approx(distance)
+
+
+@pytest.mark.parametrize(
+    "scenes",
+    [
+        # It drives ahead as fast, and where it was half a second ago is where the ego is now.
+        [(10 + n * 0.9, [(10 + n * 18.0, 0.0)]) for n in range(12)],
+        # It is gone by the next message, or came with it.
+        [(12.0, [(45.0, 0.0)]), (12.9, [(45.0, 30.0)]), (13.8, [(45.0, 30.0)])],
+        [(12.0, [(45.0, 0.0)]), (12.9, []), (13.8, [(45.0, 30.0)])],
+        # It was seen long before.
+        [(10.0, [(45.0, 0.0)]), (13.5, [(45.0, 0.0)])],
+    ],
+    ids=["ahead", "gone", "none", "old"],
+)
+def test_where_one_that_moves_was_in_between_is_not_made_up(
+    scenes: list[tuple[float, list[Point]]],
+) -> None:
+    finding = found(pass_by(*scenes), minDistance=5, maxAge="1s")
+    assert (finding.outcome, (finding.figure or 0) >= 5) == ("passed", True), finding
+
+
+def test_one_that_creeps_is_where_it_was_on_its_way() -> None:
+    """At 12.5 s, half of the way between its messages, it is 0.2 m further than at the first."""
+    scenes = [(12.0, [(50.2, 0.0)]), (13.0, [(50.6, 0.0)])]
+    finding = found(pass_by(*scenes), minDistance=5, maxAge="1s")
+    assert finding.figure == pytest.approx(0.4)

@@ -325,6 +325,18 @@ class SimulationJobSpec(_Model):
         return self
 
     @model_validator(mode="after")
+    def _lock_step_has_no_latency(self) -> Self:
+        """In lock-step an answer is recorded at its input's time, whatever the stack needed."""
+        late = next((each.name for each in self.evaluate if each.latency), None)
+        if late is not None and self.playback.mode == "lockstep":
+            raise ValueError(
+                f"evaluate[{late}] has latency, and in lock-step an answer has the time of its"
+                " input, however long it took: write a deadline into playback.steps, or play in"
+                " realtime"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _criteria_read_what_is_recorded(self) -> Self:
         """A criterion over a topic that is never recorded could only ever be invalid."""
         patterns = list(self.record.topics) if self.record else []

@@ -15,7 +15,10 @@ using Return = rclcpp_lifecycle::node_interfaces::LifecycleNodeInterface::Callba
 
 class Living : public LifecycleNode {
 public:
-  Living() : LifecycleNode("living") { by_itself_ = declare_parameter("by_itself", true); }
+  Living() : LifecycleNode("living") {
+    by_itself_ = declare_parameter("by_itself", true);
+    leave_after_ = declare_parameter("leave_after", 0);
+  }
 
   void begin() {
     if (!by_itself_) return;
@@ -29,12 +32,14 @@ public:
       String answer;
       answer.data = std::to_string(rclcpp::Time(message.header.stamp).nanoseconds());
       if (out_->is_activated()) out_->publish(answer);
+      if (++got_ == leave_after_) deactivate();
     });
     return Return::SUCCESS;
   }
 
 private:
   bool by_itself_;
+  int leave_after_, got_ = 0;  // messages; never after 0
   rclcpp_lifecycle::LifecyclePublisher<String>::SharedPtr out_;
   rclcpp::Subscription<Imu>::SharedPtr in_;
 };

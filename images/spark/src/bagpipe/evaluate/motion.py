@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
 
 from bagpipe.evaluate.errors import pose_of
@@ -12,6 +13,9 @@ from bagpipe.evaluate.limits import bounded
 from bagpipe.evaluate.model import Separation
 from bagpipe.evaluate.window import frames_differ, messages_of, samples
 from bagpipe.texts import duration_nanoseconds
+
+# Metres between two messages: who has moved by more is not looked for in between.
+STANDS = 0.5
 
 Point = tuple[float, float]
 # Time in ns, the ego, an obstacle, and the obstacle's velocity as the ego sees it, if it is known.
@@ -118,7 +122,7 @@ def _met(wanted: Separation, evidence: Evidence) -> Met:
     return Met(
         course,
         [(time, point) for time, points in scenes for point in points],
-        _paired(with_ego),
+        _paired(with_ego) + _between(course, scenes, age),
         _share([time for time, _, _ in with_ego], age, wanted.min_coverage, evidence),
         "header" if stamped else "receipt",
     )
@@ -196,6 +200,48 @@ def _paired(scenes: list[tuple[int, Point, list[Point]]]) -> list[Pair]:
                 )
             pairs.append((time, ego, point, velocity))
         before = (time, ego, points)
+    return pairs
+
+
+def _between(
+    course: list[tuple[int, Point]], scenes: list[tuple[int, list[Point]]], age: int
+) -> list[Pair]:
+    """The nearest obstacle that stands, or nearly does, at each pose between two scenes.
+
+    An obstacle of which the next scene has one at most STANDS away was in between, too. Where
+    others were meanwhile is not known.
+    """
+    pairs: list[Pair] = []
+    times = [time for time, _ in course]
+    for (begin, before), (end, after) in itertools.pairwise(scenes):
+        first, last = bisect_right(times, begin), bisect_left(times, min(end, begin + age + 1))
+        if first < last and before and after:
+            length = end - begin
+            poses = [(time, (time - begin) / length, ego) for time, ego in course[first:last]]
+            pairs += _passed(poses, before, after)
+    return pairs
+
+
+def _passed(
+    poses: list[tuple[int, float, Point]], before: list[Point], after: list[Point]
+) -> list[Pair]:
+    """Of each pose, with its part of the way between two scenes, the nearest that stands."""
+    # Other criteria, and the start of a laptop's run, need neither.
+    import numpy as np  # noqa: PLC0415
+    from scipy.spatial import KDTree  # noqa: PLC0415
+
+    old, new = (
+        np.array([p for p in points if all(map(math.isfinite, p))]) for points in (before, after)
+    )
+    if not (len(old) and len(new)):
+        return []
+    apart, which = KDTree(new).query(old, distance_upper_bound=STANDS)
+    old, way = old[apart <= STANDS], new[which[apart <= STANDS]] - old[apart <= STANDS]
+    pairs: list[Pair] = []
+    for time, part, ego in poses if len(old) else []:
+        there = old + way * part
+        x, y = there[np.hypot(there[:, 0] - ego[0], there[:, 1] - ego[1]).argmin()]
+        pairs.append((time, ego, (float(x), float(y)), None))
     return pairs
 
 

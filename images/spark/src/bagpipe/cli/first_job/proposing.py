@@ -120,7 +120,7 @@ def propose(asked: Asked, recordings: Recordings) -> Proposal:
     encoding = fields_of(engine).encoding or ""
     unfit = [name for name, topic in topics.items() if _unfit(topic, encoding)]
     length, warm_up = fragment_length(recordings)
-    criteria, without = _criteria(asked.outputs, recordings)
+    criteria, without = _criteria(asked.outputs, recordings, asked.mode)
     return Proposal(
         asked,
         engine,
@@ -262,7 +262,7 @@ def _memory(asked: Asked, recordings: Recordings, length: float, warm_up: float)
 
 
 def _criteria(
-    outputs: Iterable[str], recordings: Recordings
+    outputs: Iterable[str], recordings: Recordings, mode: str
 ) -> tuple[list[ProposedCriterion], list[str]]:
     found: list[ProposedCriterion] = []
     without: list[str] = []
@@ -278,7 +278,10 @@ def _criteria(
             found.append(_presence(label, name, why))
         else:
             _of_rates(label, topic, recordings, found, without)
-            _of_latency(label, topic, found, without)
+            if mode == "lockstep":
+                without.append(f"{name}: in lock-step no latency is demanded: steps have deadlines")
+            else:
+                _of_latency(label, topic, found, without)
     return found, without
 
 
