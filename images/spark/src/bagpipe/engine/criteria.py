@@ -8,6 +8,7 @@ from bagpipe.evaluate.finding import verdict
 from bagpipe.evaluate.judge import evaluate
 from bagpipe.evaluate.model import topics_of
 from bagpipe.judgement import Judgement
+from bagpipe.storage import StorageError
 
 _NOTHING_SHOWN = {"NothingPlayed", "NothingRecorded", "NothingAnswered"}
 
@@ -19,7 +20,7 @@ def judged_by_criteria(
 
     Without criteria the delivery alone is judged; a case in which nothing was played or recorded,
     or whose stack has failed, is what it is whatever its criteria say. One that lacks evidence
-    otherwise can only fail by them.
+    otherwise can only fail by them. Raises StorageError where what they read can't be had.
     """
     case, spec, storage = attempt.case, attempt.spec, attempt.storage
     if not spec.evaluate or judgement.outcome in {"failed", "errored"}:
@@ -44,7 +45,7 @@ def judged_by_criteria(
         paced=spec.playback.mode != "max",
         inputs=attempt.source.input_times(case, storage),
     )
-    findings = evaluate(spec.evaluate, evidence)
+    findings = evaluate(spec.evaluate, evidence, unread=(StorageError,))
     outcome, reason, message = verdict(findings)
     rows = [finding.as_row() for finding in findings]
     if judgement.outcome == "invalid" and outcome != "failed":

@@ -17,6 +17,7 @@ _TIME = "builtin_interfaces/msg/Time"
 # head of CDR, whose second byte is the order of bytes.
 _STAMP_AT, _STAMPS = 4, {0: struct.Struct(">iI"), 1: struct.Struct("<iI")}
 _UNSIGNED_STAMP = struct.Struct("<II")
+_HEADERS = ((Nodetype.NAME, HEADER), (Nodetype.NAME, OLD_HEADER))
 # Between the request and the response of a service.
 _BETWEEN = "---"
 _SECOND = 1_000_000_000
@@ -43,7 +44,7 @@ def nanoseconds(time: Any) -> int:
 
 
 def stamp_reader(connection: Any) -> Callable[[memoryview], int | None] | None:
-    """Reads the stamp in ns off a message of a type that begins with a header.
+    """Reads the stamp in ns off a message of a type with a header.
 
     It gives None where the message is too short to have one, or in no order of bytes. None for
     other types, and for those whose definition can't be read: who decodes a message says so.
@@ -52,10 +53,27 @@ def stamp_reader(connection: Any) -> Callable[[memoryview], int | None] | None:
         fields = _types(connection)[full_name(connection.type)][1]
     except Exception:  # noqa: BLE001  a definition of any text
         return None
-    headers = {(Nodetype.NAME, HEADER), (Nodetype.NAME, OLD_HEADER)}
-    if not fields or fields[0][1] not in headers:
+    if fields and fields[0][1] in _HEADERS:
+        return {ROS1: _stamp_of_ros1, CDR: _stamp_of_cdr}.get(connection.encoding)
+    if any(name == "header" and kind in _HEADERS for name, kind in fields):
+        return _decoded_stamp(connection)
+    return None
+
+
+def _decoded_stamp(connection: Any) -> Callable[[memoryview], int | None] | None:
+    """Of a type whose header has something before it: only a decoder knows where."""
+    try:
+        decode = decoder(connection)
+    except NoEvidenceError:
         return None
-    return {ROS1: _stamp_of_ros1, CDR: _stamp_of_cdr}.get(connection.encoding)
+
+    def stamp(raw: memoryview) -> int | None:
+        try:
+            return nanoseconds(decode(raw).header.stamp)
+        except Exception:  # noqa: BLE001  hostile bytes
+            return None
+
+    return stamp
 
 
 def decoder(connection: Any) -> Callable[[memoryview], Any]:

@@ -11,7 +11,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import bagpipe
-from bagpipe.evaluate.decoding import decoder, nanoseconds, stamp_reader
+from bagpipe.evaluate.decoding import decoder, stamp_reader
 from bagpipe.evaluate.finding import NoEvidenceError
 from bagpipe.recording_format import in_memory
 
@@ -22,19 +22,25 @@ _LEAST_GAP, _GAP_STEPS = 500_000_000, 10
 Bytes = Callable[[], bytes]
 
 
-class Sample(NamedTuple):
-    """One message: when it was received in ns, and its decoded value."""
-
+class _Pair(NamedTuple):
     time: int
     message: Any
 
-    @property
-    def stamp(self) -> int | None:
-        """The header's stamp in ns; None where the type has no header."""
-        header = getattr(self.message, "header", None)
-        if header is None:
-            return None
-        return nanoseconds(header.stamp)
+
+class Sample(_Pair):
+    """One message: when it was received in ns, and its decoded value.
+
+    A user's evaluator takes it for these two; `stamp` is its header's in ns, None without one.
+    """
+
+    stamp: int | None = None
+
+    @classmethod
+    def of(cls, received: "Received", message: Any) -> "Sample":
+        """Of a message that came, with its value."""
+        made = cls(received.time, message)
+        made.stamp = received.stamp
+        return made
 
 
 class Received(NamedTuple):
@@ -74,10 +80,18 @@ class Recording:
             return ".bag", self._opened.to_bytes()
         return ".mcap", self._read()  # what is open of MCAP is no file any more
 
+    @cached_property
+    def _names(self) -> dict[str, list[str]]:
+        """The names that each topic of the ROS graph has in the recording: some lack the slash."""
+        names: dict[str, list[str]] = {}
+        for name in self._opened.topics:
+            names.setdefault(f"/{name.removeprefix('/')}", []).append(name)
+        return names
+
     @property
     def topics(self) -> list[str]:
-        """The topics that the recording has."""
-        return sorted(self._opened.topics)
+        """The topics that the recording has, as the ROS graph knows them."""
+        return sorted(self._names)
 
     def received(self, topic: str) -> list[Received]:
         """All messages as they came; empty where the topic is not there.
@@ -111,24 +125,26 @@ class Recording:
         return self._samples[topic]
 
     def _messages(self, topic: str) -> Any:
-        if topic not in self._opened.topics:
+        names = self._names.get(topic)
+        if names is None:
             return ()
-        return self._opened.messages(topics=[topic], start=self._start, end=self._end)
+        return self._opened.messages(topics=names, start=self._start, end=self._end)
 
     def _decoded(self, topic: str) -> list[Sample]:
-        if topic not in self._opened.topics:
+        if topic not in self._names:
             there = ", ".join(self.topics[:10]) or "nothing"
             raise NoEvidenceError(f"no message on {topic} was recorded; there is {there}")
         decoders: dict[int, Callable[[memoryview], Any]] = {}
         found = []
-        for time, raw, connection, _ in self.received(topic):
+        for each in self.received(topic):
+            connection = each.connection
             if connection.id not in decoders:
                 decoders[connection.id] = decoder(connection)
             try:
-                found.append(Sample(time, decoders[connection.id](raw)))
+                found.append(Sample.of(each, decoders[connection.id](each.raw)))
             except Exception as error:  # a library's many faults at hostile bytes
                 raise NoEvidenceError(
-                    f"a message on {topic} at {time / 1e9:.3f} s can't be read as"
+                    f"a message on {topic} at {each.time / 1e9:.3f} s can't be read as"
                     f" {connection.type}: {error}"
                 ) from error
         if not found:
@@ -178,6 +194,8 @@ class Evidence:
         if self.inputs is None:
             return [(self.start, self.end)]
         times = self.inputs()
+        if not times:
+            return [(self.start, self.end)]  # what is not known forgives no silence
         steps = list(itertools.pairwise(times))
         usual = statistics.median(after - before for before, after in steps) if steps else 0
         most = max(_LEAST_GAP, _GAP_STEPS * usual)

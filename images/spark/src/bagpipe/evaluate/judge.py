@@ -31,9 +31,16 @@ _MEASURES: dict[str, Callable[[str, Any, Evidence], Finding]] = {
 }
 
 
-def evaluate(criteria: Sequence[Criterion], evidence: Evidence) -> list[Finding]:
-    """One finding per criterion, in their order, with its course over time; never raises."""
-    findings = [_found(criterion, evidence) for criterion in criteria]
+def evaluate(
+    criteria: Sequence[Criterion],
+    evidence: Evidence,
+    unread: tuple[type[Exception], ...] = (),
+) -> list[Finding]:
+    """One finding per criterion, in their order, with its course over time.
+
+    Raises nothing but `unread`: that what was to be judged could not be read, which is no finding.
+    """
+    findings = [_found(criterion, evidence, unread) for criterion in criteria]
     return with_courses(criteria, findings, evidence)
 
 
@@ -49,13 +56,17 @@ def faults(criteria: Sequence[Criterion]) -> list[str]:
     return found
 
 
-def _found(criterion: Criterion, evidence: Evidence) -> Finding:
+def _found(
+    criterion: Criterion, evidence: Evidence, unread: tuple[type[Exception], ...]
+) -> Finding:
     kind = criterion.kind
     measure = _MEASURES[kind]
     try:
         finding = measure(criterion.name, criterion.measurement, evidence)
     except NoEvidenceError as lack:
         finding = Finding(criterion.name, kind, "invalid", message=str(lack))
+    except unread:
+        raise
     except Exception as fault:  # a doubt about one criterion must not hide the others
         log.exception("criterion %s", criterion.name)
         text = f"{type(fault).__name__}: {fault}"

@@ -39,8 +39,12 @@ def folder_file(case: Case, storage: Storage, late: Mapping[str, Late]) -> Input
 def folder_truth(case: Case, topics: set[str], storage: Storage) -> bytes:
     """These topics in the case's window as MCAP, played or not.
 
-    Raises SessionError, BagError and StorageError.
+    Raises SessionError, BagError and StorageError, which is also that the folder has changed since
+    the case was planned.
     """
+    storage.open(case.bag, case.bag_version)
+    for part in case.parts:
+        storage.open(part.bag, part.version)
     metadata = _metadata(case, storage)
     folder = Rosbag2(metadata, storage)
     named = sorted(topics)

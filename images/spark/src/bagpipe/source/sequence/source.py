@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 from bagpipe.encodings import ROS1
+from bagpipe.plan.bag_tail import resolve
 from bagpipe.plan.case import Case
 from bagpipe.plan.conditions import Crossing
 from bagpipe.plan.made import Plan
@@ -39,7 +40,7 @@ class Sequence(JobSource):
             made = self._made(case, storage)
             bag = in_memory(made, self.encoding)
             topics = self.spec.source.topics
-            there = [topic for topic in bag.topics if not topics or topic in topics]
+            there = [topic for topic in bag.topics if not topics or resolve(topic) in topics]
             window = bag.messages(topics=there, start=case.window.start, end=case.window.end)
             return [time for _, time, _ in window]
 
