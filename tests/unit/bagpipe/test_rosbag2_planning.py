@@ -361,3 +361,10 @@ def test_another_serialization_is_refused_with_topic_and_encoding(storage: str) 
         pytest.skip("the recordings of rosbag2's tests are not beside the checkout")
     text = refused((DATA / "rosbag2_tests" / storage / "wrong_rmw_test/metadata.yaml").resolve())
     assert "_topic holds messages in wrong_format" in text
+
+
+def test_a_log_of_no_bytes_is_none(tmp_path: Path) -> None:
+    metadata = folder(tmp_path / "drive", Form("sqlite3"), [drive()])
+    (tmp_path / "drive/drive_0.db3-wal").touch()
+    made = planned(metadata, source())
+    assert made.unplanned == []

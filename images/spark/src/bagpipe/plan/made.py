@@ -12,7 +12,7 @@ def mark_of(uri: str) -> str:
     """What keeps files of one name apart: twelve digits of the URI, so that each keeps its own,
     whatever others there are beside it.
     """
-    return hashlib.sha256(uri.encode()).hexdigest()[:12]
+    return hashlib.sha256(uri.encode(errors="surrogateescape")).hexdigest()[:12]
 
 
 @dataclass(frozen=True)

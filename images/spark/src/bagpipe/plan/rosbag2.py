@@ -294,7 +294,9 @@ def whole_file(file: OpenFile, metadata: Metadata, storage: Storage) -> Iterator
 
     Raises BagError and StorageError.
     """
-    if metadata.storage == "sqlite3" and storage.exists(f"{file.uri}-wal"):
+    log = f"{file.uri}-wal"
+    # A reader that was killed leaves an empty one.
+    if metadata.storage == "sqlite3" and storage.exists(log) and storage.size(log):
         raise BagError(
             "BagUnreadable",
             "beside it lies a write-ahead log (-wal), which holds messages that are not in the file"
