@@ -214,3 +214,34 @@ def test_a_file_of_mine_called_run_json_is_not_written_over(
     with pytest.raises(RunError, match=r"run\.json, which no run has left"):
         prepare(tmp_path, **options)
     assert mine.read_text() == '{"name": "mine"}'
+
+
+def test_a_replace_that_was_ended_midway_can_be_done_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ctrl-C while gigabytes of recordings are removed."""
+    folder = publish(tmp_path, [make_row("a-0")])
+    (folder / "cases").mkdir()
+    (folder / "cases/a-0.1.bag").touch()
+
+    def interrupted(_path: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr("shutil.rmtree", interrupted)
+        prepare(folder, replace=True)
+    prepare(folder, replace=True)
+    assert [path.name for path in folder.iterdir()] == ["run.json"]
+
+
+@pytest.mark.parametrize("resume", [True, False])
+def test_lines_of_an_earlier_run_are_not_those_of_the_next(tmp_path: Path, resume: bool) -> None:
+    """Its manifest was removed by hand; a driver keeps lines that it finds."""
+    interrupted(tmp_path, begun())
+    for name in ("results.jsonl", "report.html", "recordings.json.gz"):
+        (tmp_path / name).touch()
+    if not resume:
+        (tmp_path / "journal/0001-x-000000.jsonl").unlink()
+    prepare(tmp_path, resume=resume)
+    left = ["driver.log", "journal", *["recordings.json.gz"] * resume, "run.json"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == left

@@ -18,8 +18,6 @@ from bagpipe.cli.running import RunError
 from bagpipe.report.stored import BEGUN, FILES, FOLDERS, LOGS, MANIFEST, PUT_ONCE
 from bagpipe.spec import SimulationJobSpec
 
-# All that a run leaves in its folder: what --replace removes, but for the lock that it holds.
-_FILES = (MANIFEST, *FILES, *LOGS)
 # A manifest of ours says so in its first field; the whole of it may be as long as its cases.
 _HEAD_BYTES = 4096
 _MOST_BEGUN_BYTES = 64 << 20
@@ -65,10 +63,8 @@ def run_folder(
             file = stack.enter_context(_opened(folder))
             if replace:
                 _remove(folder)
-            elif not _goes_on(folder, file, begun, resume):
-                # Of a run that ended before its first journal: what it began with is no more.
-                for name in PUT_ONCE:
-                    (folder / name).unlink(missing_ok=True)
+            else:
+                _forget(folder, _goes_on(folder, file, begun, resume))
             _keep(file, begun)
         except OSError as error:
             raise RunError(f"{folder} can't be written: {error.strerror}") from error
@@ -120,6 +116,17 @@ def _differs(file: BinaryIO, begun: Mapping[str, Any]) -> str:
     return f"with other {', '.join(other)}" if other else ""
 
 
+def _forget(folder: Path, goes_on: bool) -> None:
+    """Removes what does not count for the run: all without a manifest, such as the lines of one
+    whose manifest is gone, but for what a run that goes on began with.
+    """
+    if (folder / MANIFEST).exists():
+        return
+    for name in FILES:
+        if not goes_on or name not in PUT_ONCE:
+            (folder / name).unlink(missing_ok=True)
+
+
 def _keep(file: BinaryIO, begun: Mapping[str, Any]) -> None:
     file.seek(0)
     file.truncate()
@@ -142,7 +149,7 @@ def _is_a_run_s(folder: Path) -> bool:
 
 def _others(folder: Path) -> str:
     """Files and filled folders named as a run's are, but for logs, which are no loss."""
-    found = [name for name in _FILES if name not in LOGS and (folder / name).exists()]
+    found = [name for name in (MANIFEST, *FILES) if (folder / name).exists()]
     found += [n for n in FOLDERS if (folder / n).is_dir() and any((folder / n).iterdir())]
     found += [BEGUN] if _is_another_s(folder / BEGUN) else []
     return ", ".join(found)
@@ -158,9 +165,14 @@ def _is_another_s(begun: Path) -> bool:
 
 
 def _remove(folder: Path) -> None:
-    """Removes what a run leaves, and nothing else that may lie there."""
-    for name in _FILES:
+    """Removes what a run leaves, and nothing else that may lie there.
+
+    What shows that a run has left it goes last: who is interrupted midway may do it again.
+    """
+    for name in FILES:
         (folder / name).unlink(missing_ok=True)
     for name in FOLDERS:
         if (folder / name).is_dir():
             shutil.rmtree(folder / name)
+    for name in (MANIFEST, *LOGS):
+        (folder / name).unlink(missing_ok=True)
