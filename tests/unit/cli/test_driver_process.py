@@ -1,5 +1,6 @@
 """The driver's process of `bagpipe run`, started before and after it is known what for."""
 
+import fcntl
 import os
 import signal
 import subprocess
@@ -67,6 +68,17 @@ def test_one_that_has_died_meanwhile_is_replaced(
     waiting[0].kill()
     waiting[0].wait()
     assert words_and_log(tmp_path) == ("--slots 2\n", "a child\nin the log True\n")
+
+
+def test_no_two_drivers_write_one_log(tmp_path: Path) -> None:
+    log = tmp_path / "driver.log"
+    with log.open("ab") as others:
+        fcntl.flock(others, fcntl.LOCK_EX)
+        with driver_process.driver([], log, PATIENCE) as process:
+            assert process.stdout is not None
+            assert process.stdout.read() == b""
+        assert (process.returncode, "another driver writes" in log.read_text()) == (1, True)
+    assert words_and_log(tmp_path)[0] == "--slots 2\n"
 
 
 def test_one_that_ends_before_its_words_come_is_reported_by_its_end(

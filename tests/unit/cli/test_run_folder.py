@@ -1,10 +1,15 @@
 """The folder of `bagpipe run`: whose it is, what is kept in it, and one run at a time."""
 
+import os
+import subprocess
+import sys
+import textwrap
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from bagpipe.cli import run_folder as folders
 from bagpipe.cli.run_folder import beginning, run_folder
 from bagpipe.cli.running import RunError
 from bagpipe.driver.same_recordings import of_the_same_recordings
@@ -13,6 +18,7 @@ from bagpipe.storage import Storage
 from tests.unit.bagpipe.jobs import make_row, make_spec
 from tests.unit.bagpipe.test_same_recordings import case
 from tests.unit.report.publishing import publish
+from tests.waiting import PATIENCE
 
 LAX = [{"name": "delay", "latency": {"topic": "/out", "max": "10s"}}]
 STRICT = [{"name": "delay", "latency": {"topic": "/out", "max": "1ms"}}]
@@ -245,3 +251,52 @@ def test_lines_of_an_earlier_run_are_not_those_of_the_next(tmp_path: Path, resum
     prepare(tmp_path, resume=resume)
     left = ["driver.log", "journal", *["recordings.json.gz"] * resume, "run.json"]
     assert sorted(path.name for path in tmp_path.iterdir()) == left
+
+
+# A run whose driver is past its keeper: SIGTERM changes nothing until it has committed.
+HOLDER = textwrap.dedent("""
+    import sys
+    from pathlib import Path
+    from bagpipe.cli import driver_process
+    from bagpipe.cli.run_folder import run_folder
+    folder = Path(sys.argv[1])
+    program = ("import signal, sys, time, pathlib\\n"
+               "from bagpipe.driver.streams import awaited, own_stdout\\n"
+               "signal.signal(signal.SIGTERM, lambda *_: None)\\n"
+               "out = own_stdout()\\n"
+               "folder = pathlib.Path(*awaited(sys.stdin.buffer))\\n"
+               "print('commits', file=out, flush=True)\\n"
+               "while not (folder / 'go').exists():\\n"
+               "    time.sleep(0.05)\\n"
+               "(folder / 'manifest.json').touch()\\n")
+    driver_process._PROGRAM = [sys.executable, "-c", program]
+    with run_folder(folder, {}):
+        with driver_process.driver([str(folder)], folder / "driver.log", 60) as process:
+            process.stdout.readline()
+            print(process.pid, flush=True)
+            sys.stdin.read()
+""")
+
+
+def test_a_driver_that_outlives_its_run_keeps_others_out_of_the_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The kernel has killed `bagpipe run` for want of memory."""
+    folder = tmp_path / "results"
+    with subprocess.Popen(
+        [sys.executable, "-c", HOLDER, str(folder)], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as holder:
+        assert holder.stdout is not None
+        driver = int(holder.stdout.readline())
+        holder.kill()
+    try:
+        with monkeypatch.context() as patch:
+            patch.setattr(folders, "_DRIVER_SECONDS", 0.2)
+            with pytest.raises(RunError, match="the driver of an earlier run still writes into"):
+                prepare(folder, replace=True)
+        os.kill(driver, 0)  # it is there, and commits
+    finally:
+        (folder / "go").touch()
+    monkeypatch.setattr(folders, "_DRIVER_SECONDS", PATIENCE)
+    prepare(folder, replace=True)
+    assert sorted(path.name for path in folder.iterdir()) == ["go", "run.json"]

@@ -1,7 +1,8 @@
 """The folder of a run on this machine: what may be there, and that one run at a time is in it.
 
 What the run began with is kept in it, locked as long as the run lasts: who goes on with another
-job, or in the folder of a run that goes on, would take another's verdict for this one's.
+job, or in the folder of a run that goes on, would take another's verdict for this one's. So is the
+log of its driver, which locks it for itself: it may commit after the run was killed.
 """
 
 import contextlib
@@ -9,6 +10,7 @@ import fcntl
 import json
 import os
 import shutil
+import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -21,6 +23,10 @@ from bagpipe.spec import SimulationJobSpec
 # A manifest of ours says so in its first field; the whole of it may be as long as its cases.
 _HEAD_BYTES = 4096
 _MOST_BEGUN_BYTES = 64 << 20
+_DRIVER_LOG = "driver.log"
+# What was killed with a run ends within that; a driver that storage keeps waiting takes minutes.
+_DRIVER_SECONDS = 10.0
+_LOOK_SECONDS = 0.05
 # What decides no case and no verdict of a run on this machine.
 _INDIFFERENT = frozenset({
     "spark", "storage", "output", "backoffLimit", "managedBy", "suspend", "queueName",
@@ -61,6 +67,7 @@ def run_folder(
                 )
             folder.mkdir(parents=True, exist_ok=True)
             file = stack.enter_context(_opened(folder))
+            _wait_for_driver(folder / _DRIVER_LOG)
             if replace:
                 _remove(folder)
             else:
@@ -83,6 +90,33 @@ def _opened(folder: Path) -> BinaryIO:
             f"another run is writing into {folder}: wait for it, or choose another --results"
         ) from error
     return file
+
+
+def _wait_for_driver(log: Path) -> None:
+    """Returns when no driver of an earlier run writes to its log. Raises RunError, and OSError."""
+    deadline = time.monotonic() + _DRIVER_SECONDS
+    while _is_locked(log):
+        if time.monotonic() >= deadline:
+            raise RunError(
+                f"the driver of an earlier run still writes into {log.parent}, though that run was"
+                f" killed: wait until it has ended (`fuser {log}` shows its processes), or choose"
+                " another --results"
+            )
+        time.sleep(_LOOK_SECONDS)
+
+
+def _is_locked(file: Path) -> bool:
+    try:
+        descriptor = os.open(file, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    except FileNotFoundError:
+        return False
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(descriptor)
+    return False
 
 
 def _goes_on(folder: Path, file: BinaryIO, begun: Mapping[str, Any], resume: bool) -> bool:
@@ -142,7 +176,7 @@ def _is_a_run_s(folder: Path) -> bool:
             if f'"{API_GROUP}manifest/'.encode() in file.read(_HEAD_BYTES):
                 return True
     # A run that died before its first journal has both logs.
-    return (folder / "driver.log").is_file() and any(
+    return (folder / _DRIVER_LOG).is_file() and any(
         (folder / name).exists() for name in ("journal", "agent.log")
     )
 
