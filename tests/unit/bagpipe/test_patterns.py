@@ -39,6 +39,49 @@ def test_without_the_file_the_same_pattern_finds_the_folders(tmp_path: Path) -> 
     assert uris == ["pvc://r/drive2/metadata.yaml"]
 
 
+@pytest.mark.parametrize("pattern", ["*.{}", "**/*.{}"])
+@pytest.mark.parametrize("ending", ["bag", "mcap"])
+def test_a_folder_that_is_named_as_a_file_is_found_beside_one(
+    tmp_path: Path, pattern: str, ending: str
+) -> None:
+    """`ros2 bag record -o night.mcap`, into a folder of other recordings."""
+    folder, storage = tmp_path / f"night.{ending}", Storage({"r": str(tmp_path)})
+    folder.mkdir()
+    (folder / "metadata.yaml").write_text(METADATA)
+    metadata = f"pvc://r/{folder.name}/metadata.yaml"
+    named = [f"pvc://r/{pattern.format(ending)}"]
+    assert recordings(named, storage) == ([metadata], [])
+    (tmp_path / f"day.{ending}").write_text("a recording")
+    assert recordings(named, storage) == ([f"pvc://r/day.{ending}", metadata], [])
+
+
+def test_so_it_is_on_object_storage_where_no_other_folder_is_listed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    store = MemoryStore()
+    images = [f"images/{n:05d}.jpg" for n in range(3000)]
+    night = ["night.mcap/metadata.yaml", "night.mcap/night.mcap_0.mcap"]
+    for name in ("day.mcap", "empty.mcap/x", *night, *images):
+        obstore.put(store, name, b"x")
+    monkeypatch.setattr(objects, "_store", lambda *_args, **_more: store)
+    backend = objects.ObjectBackend("s3", "fleet", Patience())
+    monkeypatch.setattr(backend, "_below", None)
+    monkeypatch.setattr("bagpipe.storage.kinds._remote", lambda *_args: backend)
+    found, _ = recordings(["s3://fleet/*.mcap"], Storage({}))
+    assert found == ["s3://fleet/day.mcap", "s3://fleet/night.mcap/metadata.yaml"]
+    monkeypatch.setattr(backend, "_in", None)
+    assert recordings(["s3://fleet/night.mcap"], Storage({}))[0] == found[1:]
+
+
+def test_a_recording_that_two_claims_reach_is_one(tmp_path: Path) -> None:
+    """--volume recordings=/data --volume more=/data."""
+    (tmp_path / "m.bag").touch()
+    storage = Storage({"recordings": str(tmp_path), "more": str(tmp_path)})
+    elsewhere = ["s3://fleet/m.bag", "s3://more/m.bag"]
+    uris = ["pvc://recordings/m.bag", *elsewhere, "pvc://more/m.bag", f"file://{tmp_path}/m.bag"]
+    assert storage.each_once(uris) == uris[:3]
+
+
 def test_a_recording_is_counted_once_whatever_links_lead_to_it(tmp_path: Path) -> None:
     (tmp_path / "2026-11-24").mkdir()
     (tmp_path / "2026-11-24" / "a.bag").write_text("a recording")

@@ -33,11 +33,12 @@ from bagpipe.plan.framing import framed
 from bagpipe.plan.in_force import Late
 from bagpipe.plan.part import Part
 from bagpipe.storage import OpenFile, Storage, StorageError
-from bagpipe.storage.globs import is_pattern
+from bagpipe.storage.globs import fixed_folder, is_of_one_folder, is_pattern, matcher
 
 METADATA = "metadata.yaml"
 # The names that files of recordings end in.
 _OF_FILES = frozenset({".bag", ".mcap", ".db3"})
+_ON_VOLUMES = ("pvc://", "file://")
 # A longer one is refused; rosbag2 writes about a kilobyte for each topic.
 MOST_METADATA_BYTES = 4 << 20
 # Of a file that is read whole, as it is stored and again as it is uncompressed, on this disk.
@@ -88,10 +89,22 @@ def in_folders(pattern: str, storage: Storage) -> list[str]:
     if pattern.endswith("/"):
         return storage.expand(f"{pattern}{METADATA}")
     found = storage.expand(pattern)
-    # One that asks for files of a kind asks for no folders; any other may match both.
-    if found and (not is_pattern(pattern) or posixpath.splitext(pattern)[1] in _OF_FILES):
+    if found == [pattern]:
         return found
-    return sorted({*found, *storage.expand(f"{pattern}/{METADATA}")})
+    return sorted({*found, *_metadata_below(pattern, found, storage)})
+
+
+def _metadata_below(pattern: str, files: list[str], storage: Storage) -> list[str]:
+    """That of the folders that a pattern matches beside these files."""
+    as_files = is_pattern(pattern) and posixpath.splitext(pattern)[1] in _OF_FILES
+    if pattern.startswith(_ON_VOLUMES) or not (as_files and is_of_one_folder(pattern)):
+        return storage.expand(f"{pattern}/{METADATA}")
+    # Few folders are named as files are. What is in the others is not listed: there may be millions
+    # of objects.
+    above, matches = fixed_folder(pattern), matcher(pattern)
+    beside = {f"{above}/{name}" for name in storage.names(above)} - set(files)
+    found = [f"{uri}/{METADATA}" for uri in sorted(beside) if matches(uri)]
+    return [uri for uri in found if storage.exists(uri)]
 
 
 def without_members(uris: list[str], storage: Storage) -> list[str]:

@@ -48,17 +48,20 @@ class Storage:
         return sorted(restore(pattern, name, self.volumes) for name in found)
 
     def each_once(self, uris: list[str]) -> list[str]:
-        """Of files of volumes that links give several names, one of these; all others as they are.
+        """Of files of volumes that links, or claims of one folder, give several names, one of
+        these; all others as they are.
 
         Raises StorageError.
         """
-        paths = {
-            locate(uri, self.volumes, self.patience)[1]: uri
-            for uri in uris
-            if uri.startswith(("pvc://", "file://"))
-        }
-        left_out = {paths[path] for path in paths.keys() - set(once(list(paths)))}
-        return [uri for uri in uris if uri not in left_out]
+        named: dict[str, str] = {}
+        elsewhere = set()
+        for uri in uris:
+            if uri.startswith(("pvc://", "file://")):
+                named.setdefault(locate(uri, self.volumes, self.patience)[1], uri)
+            else:
+                elsewhere.add(uri)
+        kept = elsewhere | {named[path] for path in once(list(named))}
+        return [uri for uri in uris if uri in kept]
 
     def exists(self, uri: str) -> bool:
         """Whether there is a file (not a folder) of that name."""
