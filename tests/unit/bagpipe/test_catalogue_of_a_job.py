@@ -20,7 +20,7 @@ from bagpipe.source.catalogue.faults import CatalogueError
 from bagpipe.source.chosen import source_of
 from bagpipe.source.planning import plan
 from bagpipe.spec import claims, storage_uris
-from bagpipe.storage import Storage, StorageError
+from bagpipe.storage import Storage, StorageUnfitError
 from tests.unit.bagpipe.bags import steady, write_bag
 from tests.unit.bagpipe.jobs import make_job, make_row, make_spec
 
@@ -119,7 +119,7 @@ def test_another_driver_goes_by_the_same_catalogue(tmp_path: Path) -> None:
     with pytest.raises(CatalogueError, match="has changed since the job began"):
         check_selection(storage, "pvc://results/x", changed)
     (tmp_path / "x/catalogue.json").write_text("{}")
-    with pytest.raises(StorageError, match="does not say by which catalogue the job began"):
+    with pytest.raises(StorageUnfitError, match="does not say by which catalogue the job began"):
         check_selection(storage, "pvc://results/x", RAIN)
 
 

@@ -16,7 +16,7 @@ from bagpipe.plan.case import Case
 from bagpipe.plan.made import Plan
 from bagpipe.report.stored import StoredResults
 from bagpipe.spec import EarlierResults, JobFile
-from bagpipe.storage import Storage, StorageError
+from bagpipe.storage import Storage, StorageError, StorageUnfitError
 from tests.unit.bagpipe.drivers import case, ran
 from tests.unit.bagpipe.jobs import make_job
 from tests.unit.bagpipe.places import By, nothing
@@ -111,7 +111,7 @@ def test_of_two_drivers_one_says_the_day(tmp_path: Path) -> None:
 def test_a_day_that_can_t_be_read_is_no_day(tmp_path: Path, text: str) -> None:
     (tmp_path / "r").mkdir()
     (tmp_path / "r/quarantine.json").write_text(text)
-    with pytest.raises(StorageError, match=r"quarantine\.json does not say on which day"):
+    with pytest.raises(StorageUnfitError, match=r"quarantine\.json does not say on which day"):
         job_day(Storage({"results": str(tmp_path)}), "pvc://results/r", AFTER_MIDNIGHT)
 
 

@@ -2,6 +2,7 @@
 
 import gzip
 import json
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -11,18 +12,19 @@ import pytest
 from bagpipe.driver import job as driver
 from bagpipe.driver import patience
 from bagpipe.driver.chosen import chosen
+from bagpipe.driver.first_plan import FILE
 from bagpipe.driver.journal import Journal
 from bagpipe.driver.keep import Keeper
 from bagpipe.driver.progress import Progress
 from bagpipe.driver.results import Results
-from bagpipe.driver.same_recordings import FILE, of_the_same_recordings
+from bagpipe.driver.same_recordings import of_the_same_recordings
 from bagpipe.plan.case import Case
 from bagpipe.plan.fragments import Window
 from bagpipe.plan.made import Plan, Unplanned
 from bagpipe.run.case_run import Row
 from bagpipe.source.planning import plan
 from bagpipe.spec import JobFile
-from bagpipe.storage import Storage, StorageError
+from bagpipe.storage import Storage, StorageUnfitError
 from tests.unit.bagpipe.bags import steady, write_bag
 from tests.unit.bagpipe.jobs import make_job, make_row, make_spec
 from tests.unit.bagpipe.places import By
@@ -90,8 +92,8 @@ class Drivers(By):
 
 def again(storage: Storage, planned: Plan, journaled: Any = list) -> tuple[list[str], list[str]]:
     """What a driver of the job makes of its plan: its cases, and the URIs of what is errored."""
-    found, lost = of_the_same_recordings(storage, RESULTS, planned, journaled)
-    return [each.id for each in found.cases], [each.bag for each in [*found.unplanned, *lost]]
+    found = of_the_same_recordings(storage, RESULTS, planned, journaled)
+    return [each.id for each in found.cases], [each.bag for each in found.unplanned]
 
 
 def test_a_case_that_failed_counts_though_its_recording_is_gone(tmp_path: Path) -> None:
@@ -189,7 +191,7 @@ def test_what_can_t_be_read_ends_the_driver(tmp_path: Path, content: bytes) -> N
     file = tmp_path / "out/drive/uid-1" / FILE
     file.parent.mkdir(parents=True)
     file.write_bytes(content)
-    with pytest.raises(StorageError, match="does not say with which recordings the job began"):
+    with pytest.raises(StorageUnfitError, match="does not say with which recordings the job began"):
         of_the_same_recordings(
             Storage({"results": str(tmp_path)}), RESULTS, Plan([case("a")], []), list
         )
@@ -248,8 +250,8 @@ def test_a_piece_that_is_there_is_not_called_gone(tmp_path: Path) -> None:
     bag(tmp_path / "r", "b")
     assert len(again(storage, plan(sequence_spec(), storage))[0]) == 1
     (tmp_path / "r" / "b.bag").unlink()
-    _, lost = of_the_same_recordings(storage, RESULTS, plan(sequence_spec(), storage), list)
-    [of_a] = [each for each in lost if each.bag == "pvc://recordings/a.bag"]
+    made = of_the_same_recordings(storage, RESULTS, plan(sequence_spec(), storage), list)
+    [of_a] = [each for each in made.unplanned if each.bag == "pvc://recordings/a.bag"]
     assert "is in no case of what another driver of it found" in of_a.message
 
 
@@ -259,7 +261,7 @@ def test_a_folder_that_could_not_be_listed_is_not_called_empty(tmp_path: Path) -
     again(storage, Plan([case("a"), case("b")], []))
     why = "pvc://recordings/*.bag can't be read: 503 Slow Down"
     failed = Unplanned("bag", "pvc://recordings/*.bag", "BagMissing", why)
-    _, lost = of_the_same_recordings(storage, RESULTS, Plan([], [failed]), list)
+    lost = of_the_same_recordings(storage, RESULTS, Plan([], [failed]), list).unplanned
     assert why in [each.message for each in lost]
     assert len(lost) == 3
 
@@ -380,7 +382,7 @@ def test_two_cases_never_get_one_name(tmp_path: Path) -> None:
         storage, RESULTS, Plan([case("m-0000", "a"), case("m-0001", "b")], []), list
     )
     by_now = Plan([case("x-0000", "a"), case("y-0000", "b")], [])
-    with pytest.raises(StorageError, match="two cases would have the name m-0000"):
+    with pytest.raises(StorageUnfitError, match="two cases would have the name m-0000"):
         again(storage, by_now)
 
 
@@ -394,3 +396,126 @@ def test_three_cases_of_a_folder_that_grows_are_the_same_three_when_they_are_gon
     drivers.begin(*began, done=[ran("b", "passed"), ran("d", "passed")])
     progress = drivers.go(case("a"), *began)
     assert (progress.verdict, drivers.ran) == ("Passed", ["c"]), progress.message
+
+
+def unread(name: str) -> Unplanned:
+    return Unplanned(name, f"pvc://recordings/{name}.bag", "BagUnreadable", "no index yet")
+
+
+def test_a_recording_that_grew_takes_no_failed_case_out_of_the_number(tmp_path: Path) -> None:
+    """`bagpipe run --cases 3`, a failed case, Ctrl-C, a.bag is written further, `--resume`."""
+    drivers = Drivers(tmp_path)
+    drivers.names = ["3"]
+    began = [case(f"{name}-0000", name) for name in "abc"]
+    done = [ran("b-0000", "passed", "b"), ran("c-0000", "failed", "c")]
+    drivers.begin(*began, case("d-0000", "d"), done=done)
+    progress = drivers.go(*began, case("a-0001", "a"), case("a-0002", "a"))
+    assert (progress.verdict, drivers.ran) == ("Failed", ["a-0000"])
+    assert sorted(drivers.cases()) == ["a-0000", "b-0000", "c-0000"]
+
+
+def test_nor_does_one_that_can_be_read_by_now_whichever_others_can(tmp_path: Path) -> None:
+    """Of each that could not be read as many cases are run as are wanted of all."""
+    drivers = Drivers(tmp_path)
+    drivers.names = ["2"]
+    drivers.interrupts = True
+    drivers.go(*(case(name) for name in "cde"), unplanned=[unread("a"), unread("b")])
+    Journal(drivers.storage, RESULTS, 1).append([ran("d", "failed")])
+    of_b = [case(f"b-{n:04d}", "b") for n in range(3)]
+    drivers.go(*(case(name) for name in "cde"), *of_b, unplanned=[unread("a")])
+    Journal(drivers.storage, RESULTS, 2).append([ran("b-0001", "failed", "b")])
+    drivers.interrupts, drivers.ran = False, []
+    progress = drivers.go(*(case(name) for name in "acde"), *of_b)
+    assert (progress.verdict, sorted(drivers.ran)) == ("Failed", ["a", "b-0000", "c"])
+    assert sorted(drivers.cases()) == ["a", "b-0000", "b-0001", "c", "d"]
+
+
+def test_of_what_can_be_read_by_now_the_wanted_names_are_run(tmp_path: Path) -> None:
+    drivers = Drivers(tmp_path)
+    drivers.names = ["night*"]
+    drivers.interrupts = True
+    broken = [unread("night"), unread("nights"), unread("day")]
+    drivers.go(case("night-0"), case("day-0"), unplanned=broken)
+    drivers.interrupts, drivers.ran = False, []
+    by_now = [case("night-1", "night"), case("other", "nights"), case("day-1", "day")]
+    assert drivers.go(case("night-0"), case("day-0"), *by_now).verdict == "Passed"
+    assert sorted(drivers.ran) == ["night-0", "night-1"]
+
+
+def test_a_recording_that_nobody_wanted_may_go(tmp_path: Path) -> None:
+    """`bagpipe run --cases 'night-*'`, Ctrl-C, day.bag is removed, `--resume`."""
+    drivers = Drivers(tmp_path)
+    drivers.names = ["night-*"]
+    began = [case("night-0000", "night"), case("day-0000", "day")]
+    drivers.begin(*began, done=[])
+    progress = drivers.go(began[0])
+    assert (progress.verdict, drivers.ran) == ("Passed", ["night-0000"])
+
+
+def test_a_chosen_case_that_a_shorter_recording_has_no_more_is_errored(tmp_path: Path) -> None:
+    drivers = Drivers(tmp_path)
+    drivers.names = ["*-0001"]
+    began = [case("a-0000", "a"), case("a-0001", "a"), case("b-0001", "b")]
+    drivers.begin(*began, done=[ran("a-0001", "failed", "a")])
+    progress = drivers.go(began[0], began[2])
+    assert (progress.phase, progress.verdict, progress.reason) == ("Failed", "", "BagMissing")
+    assert drivers.cases()["a-0001"] == ("errored", "BagMissing")
+
+
+def test_a_driver_goes_on_with_the_recordings_that_an_earlier_release_has_kept(
+    tmp_path: Path,
+) -> None:
+    """Which has kept neither the choice nor the names of what yields no case."""
+    drivers = Drivers(tmp_path)
+    drivers.names = ["*-0000"]
+    names = {f"pvc://recordings/{bag}.bag": f"{bag}-0000" for bag in "ab"}
+    document = {"schema": "sim.bagpipe.io/recordings/v1alpha1", "recordings": names}
+    (tmp_path / "out/drive/uid-1").mkdir(parents=True)
+    kept = tmp_path / "out/drive/uid-1" / FILE
+    kept.write_bytes(gzip.compress(json.dumps(document).encode()))
+    progress = drivers.go(*(case(f"{bag}-0000", bag) for bag in "abc"), case("b-0001", "b"))
+    assert (progress.verdict, drivers.ran) == ("Passed", ["a-0000", "b-0000"])
+
+
+def test_what_yields_no_case_keeps_its_name_too_and_so_its_quarantine(tmp_path: Path) -> None:
+    """*/monday.bag: b/monday.bag comes while the job's first driver is evicted."""
+    drivers = Quarantined(tmp_path)
+    drivers.interrupts = True
+    uri = "pvc://recordings/a/monday.bag"
+    broken = Unplanned("monday-0000", uri, "BagUnreadable", "cut off")
+    drivers.go(case("x"), unplanned=[broken])
+    drivers.interrupts = False
+    by_now = Unplanned("monday-0000-aaaa", uri, "BagUnreadable", "cut off")
+    progress = drivers.go(case("x"), case("monday-0000-bbbb", "b/monday"), unplanned=[by_now])
+    assert (progress.verdict, sorted(drivers.cases())) == ("Passed", ["monday-0000", "x"])
+
+
+def test_what_yields_no_case_for_several_reasons_keeps_them_apart(tmp_path: Path) -> None:
+    storage = Storage({"results": str(tmp_path)})
+    both = [replace(unread("a"), id=name) for name in ("a-c1", "a-c2")]
+    again(storage, Plan([case("x")], both))
+    made = of_the_same_recordings(storage, RESULTS, Plan([case("x"), case("y")], both), list)
+    assert made.unplanned == both
+
+
+def test_a_case_of_others_that_nobody_chose_is_not_errored(tmp_path: Path) -> None:
+    """Two sequences share a piece, and one of them is chosen."""
+    drivers = Drivers(tmp_path)
+    drivers.names = ["one"]
+    one, two = (
+        replace(folder(name, "", *files), bag="sequence")
+        for name, files in (("one", "ab"), ("two", "bc"))
+    )
+    drivers.begin(one, two, done=[])
+    assert (drivers.go(one, two).verdict, drivers.ran) == ("Passed", ["one"])
+
+
+def test_what_no_waiting_mends_is_not_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "out/drive/uid-1" / FILE
+    file.parent.mkdir(parents=True)
+    file.write_bytes(b"no gzip")
+    monkeypatch.setattr(patience.log, "warning", None)  # what it calls before it waits
+    with pytest.raises(StorageUnfitError, match="create the job again"):
+        Drivers(tmp_path).go(case("a"))

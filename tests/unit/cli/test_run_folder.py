@@ -191,7 +191,7 @@ def test_a_run_that_was_ended_early_does_not_choose_the_recordings_of_the_next(
         (folder / "agent.log").touch()
         of_the_same_recordings(storage, uri, Plan([case("a")], []), list)
     with run_folder(folder, begun()):  # no journal: neither --resume nor --replace is asked for
-        both, _ = of_the_same_recordings(storage, uri, Plan([case("a"), case("b")], []), list)
+        both = of_the_same_recordings(storage, uri, Plan([case("a"), case("b")], []), list)
     assert [each.id for each in both.cases] == ["a", "b"]
 
 
@@ -204,8 +204,8 @@ def test_nor_does_it_call_errored_what_the_mended_job_does_not_name(tmp_path: Pa
         (folder / "agent.log").touch()
         of_the_same_recordings(storage, uri, Plan([case("a"), case("old")], []), list)
     with run_folder(folder, begun(source={"bags": ["pvc://recordings/a.bag"], "topics": ["/s"]})):
-        _, lost = of_the_same_recordings(storage, uri, Plan([case("a")], []), list)
-    assert lost == []
+        found = of_the_same_recordings(storage, uri, Plan([case("a")], []), list)
+    assert found.unplanned == []
 
 
 @pytest.mark.parametrize("options", [{}, {"replace": True}, {"resume": True}])

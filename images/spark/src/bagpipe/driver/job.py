@@ -8,7 +8,6 @@ import tempfile
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import FrameType
@@ -205,18 +204,17 @@ def _quarantine(job: JobFile, results: Results, progress: Progress) -> Quarantin
 def _planned(
     job: JobFile, place: Place, results: Results, journal: Journal, progress: Progress
 ) -> Plan:
-    """What is to run, of the recordings that the job began with.
+    """What is to run, of the recordings and the choice of cases that the job began with.
 
     Raises MatrixError, NoCaseError, CatalogueError and StorageError.
     """
     found = place.planned(job, results.storage)
     log.info("%d cases planned, %d bags refused", len(found.cases), len(found.unplanned))
     _keep_selection(found, results, progress)
-    same = partial(of_the_same_recordings, results.storage, results.folder, found, journal.rows)
-    began, lost = patiently(same, progress)
-    wanted = place.wanted(began)
-    # Whatever is wanted: it may have been in a case that was.
-    return replace(wanted, unplanned=[*wanted.unplanned, *lost])
+    same = partial(
+        of_the_same_recordings, results.storage, results.folder, found, journal.rows, place.wanted
+    )
+    return patiently(same, progress)
 
 
 def _keep_selection(planned: Plan, results: Results, progress: Progress) -> None:

@@ -8,7 +8,7 @@ import json
 import posixpath
 from datetime import UTC, date, datetime
 
-from bagpipe.storage import Storage, StorageError
+from bagpipe.storage import Storage, StorageUnfitError
 
 FILE = "quarantine.json"
 _SCHEMA = "sim.bagpipe.io/quarantine/v1alpha1"
@@ -24,7 +24,7 @@ def job_day(storage: Storage, folder: str, began: float) -> date:
     try:
         return date.fromisoformat(json.loads(storage.read_all(uri, _MOST_BYTES))["day"])
     except (ValueError, TypeError, KeyError) as error:
-        raise StorageError(
+        raise StorageUnfitError(
             f"{uri} does not say on which day the job began ({error!r}): remove it, and its"
             " quarantine is looked at again"
         ) from error

@@ -9,7 +9,7 @@ import posixpath
 
 from bagpipe.plan.made import Selection
 from bagpipe.source.catalogue.faults import CatalogueError
-from bagpipe.storage import Storage, StorageError
+from bagpipe.storage import Storage, StorageUnfitError
 
 FILE = "catalogue.json"
 _SCHEMA = "sim.bagpipe.io/catalogue/v1alpha1"
@@ -25,7 +25,7 @@ def check_selection(storage: Storage, folder: str, selection: Selection) -> None
     try:
         first = str(json.loads(storage.read_all(uri, _MOST_BYTES))["sha256"])
     except (ValueError, TypeError, KeyError) as error:
-        raise StorageError(
+        raise StorageUnfitError(
             f"{uri} does not say by which catalogue the job began ({error!r}): create the job again"
         ) from error
     if first != selection.sha256:

@@ -1,143 +1,142 @@
-"""The recordings that a job's first driver found: another driver of the job goes by the same.
+"""The cases of a job's next driver: those of the recordings, and of the choice, that it began with.
 
 Patterns are looked up again by each driver. What is gone by then would take its failed cases along,
-and what has come would give others their names. So they are put beside the results once, each with
-the name of its first fragment, as the catalogue is.
+and what has come would give others their names, or take their place in a number of cases. So all
+go by what the first one planned.
 """
 
-import gzip
-import io
-import json
 import posixpath
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import replace
 
+from bagpipe.driver.chosen import NoCaseError
+from bagpipe.driver.first_plan import FirstPlan, Names, first_plan, names_of, recordings_of
 from bagpipe.plan.case import Case
 from bagpipe.plan.made import Plan, Unplanned, mark_of
 from bagpipe.run.case_run import Row
-from bagpipe.storage import Storage, StorageError
+from bagpipe.storage import Storage, StorageUnfitError
 
-FILE = "recordings.json.gz"
-_SCHEMA = "sim.bagpipe.io/recordings/v1alpha1"
-_MOST_BYTES = 256 << 20
-_MOST_COMPRESSED_BYTES = 64 << 20
 # What a fragment's name has behind that of its recording.
 _NUMBER = re.compile(r"-[0-9]{4,}$")
 
-# The name of a recording's first fragment, by its URI; empty where it has none of its own.
-Recordings = dict[str, str]
+Wanted = Callable[[Plan], Plan]
 
 
 def of_the_same_recordings(
-    storage: Storage, folder: str, planned: Plan, journaled: Callable[[], Iterable[Row]]
-) -> tuple[Plan, list[Unplanned]]:
-    """The plan of the recordings that the job began with, by the names that cases had then; and
-    what of them yields no case any more, with the reasons that there are for it.
+    storage: Storage,
+    folder: str,
+    planned: Plan,
+    journaled: Callable[[], Iterable[Row]],
+    wanted: Wanted = lambda planned: planned,
+) -> Plan:
+    """What is `wanted` of the recordings that the job began with, by the names that cases had then;
+    what of it yields no case any more has the reasons that there are for it.
 
     A job that an earlier release has begun began with those that are there and those that
-    `journaled` gives. Raises StorageError.
+    `journaled` gives. Raises NoCaseError and StorageError.
     """
-    now = recordings_of(planned)
-    first = _first(storage, posixpath.join(folder, FILE), now, journaled)
-    if first == now:
-        return planned, []
-    cases, lost = list[Case](), list[Unplanned]()
-    for case in planned.cases:
-        there = [uri in first for uri in _recordings(case)]
-        if all(there):
-            cases.append(case)
-        elif any(there):
-            lost.append(_of_others(case))
-    gone = [_gone(uri) for uri in sorted(first.keys() - now.keys())]
-    unplanned = [each for each in planned.unplanned if each.bag in first]
+    first = first_plan(storage, folder, planned, wanted, journaled)
+    if first == FirstPlan.of(planned, planned):
+        return wanted(planned)
+    cases, lost = _of_its_recordings(planned, first)
+    unplanned = _named(planned.unplanned, first)
+    gone = [_gone(uri) for uri in sorted(first.recordings.keys() - names_of(planned).keys())]
+    lost += _no_more(first, [*cases, *lost], [*gone, *unplanned])
     if gone:
         # A folder that could not be listed has lost them, and says why.
-        gone += [each for each in planned.unplanned if each.bag not in first]
-    made = replace(planned, cases=_renamed(cases, first, now), unplanned=unplanned)
-    return made, [*gone, *lost]
+        gone += [each for each in planned.unplanned if each.bag not in first.recordings]
+    made = _of_its_choice(replace(planned, cases=cases, unplanned=unplanned), first, wanted)
+    _check_names(made)
+    # Whatever is wanted: it may have been in a case that was.
+    return replace(made, unplanned=[*made.unplanned, *gone, *lost])
 
 
-def recordings_of(planned: Plan) -> Recordings:
-    """All that a plan is about: URIs, and words where the source has no single recording."""
-    found = {each.bag: "" for each in planned.unplanned}
-    for case in sorted(planned.cases, key=lambda case: case.id):
-        for uri in _recordings(case):
-            found[uri] = found.get(uri) or (_name(case) if uri == case.bag else "")
-    return found
+def _of_its_recordings(planned: Plan, first: FirstPlan) -> tuple[list[Case], list[Unplanned]]:
+    """The cases of the first plan's recordings, by their names then; and what is of others, too."""
+    cases, lost = list[Case](), list[Unplanned]()
+    for case in planned.cases:
+        there = [uri in first.recordings for uri in recordings_of(case)]
+        if all(there):
+            cases.append(case)
+        elif any(there) and (first.has(case) or _is_readable_now(case, first)):
+            lost.append(_of_others(case))
+    return _renamed(cases, first.recordings, names_of(planned)), lost
 
 
-def _recordings(case: Case) -> list[str]:
-    """Its recording, which may be a folder of many files; else those that it is put together of."""
-    return _whose(case.bag, [part.bag for part in case.parts])
+def _is_readable_now(case: Case, first: FirstPlan) -> bool:
+    """Whether it is of a recording that yielded no case then."""
+    return any(uri in first.unplanned for uri in recordings_of(case))
 
 
-def _whose(bag: str, parts: list[str]) -> list[str]:
-    return [bag] if "://" in bag or not parts else parts
+def _of_its_choice(planned: Plan, first: FirstPlan, wanted: Wanted) -> Plan:
+    """The cases that were chosen, and what is wanted of each recording that yielded none then."""
+    if first.chosen is None:
+        return wanted(planned)
+    names = set(first.chosen)
+    late: dict[str, list[Case]] = {}
+    for case in planned.cases:
+        if not first.has(case) and _is_readable_now(case, first):
+            late.setdefault(case.bag, []).append(case)
+    for cases in late.values():
+        # One by one: of a number of cases none takes another's place.
+        with suppress(NoCaseError):
+            names |= {case.id for case in wanted(Plan(cases, [])).cases}
+    return replace(planned, cases=[case for case in planned.cases if case.id in names])
 
 
-def _name(case: Case) -> str:
-    return case.fragment or case.id
+def _named(unplanned: list[Unplanned], first: FirstPlan) -> list[Unplanned]:
+    """What of the first plan's recordings yields no case, by the names that they had."""
+    counts = Counter(each.bag for each in unplanned)
+    return [
+        replace(each, id=first.unplanned.get(each.bag) or each.id)
+        if counts[each.bag] == 1
+        else each
+        for each in unplanned
+        if each.bag in first.recordings
+    ]
 
 
-def _first(
-    storage: Storage, uri: str, now: Recordings, journaled: Callable[[], Iterable[Row]]
-) -> Recordings:
-    if not storage.exists(uri):
-        began = now | {
-            each: name or now.get(each, "") for each, name in _of_rows(journaled()).items()
-        }
-        document = {"schema": _SCHEMA, "recordings": began}
-        text = json.dumps(document, sort_keys=True).encode()
-        if storage.put_once(uri, gzip.compress(text, mtime=0)):
-            return began
-    packed = storage.read_all(uri, _MOST_COMPRESSED_BYTES)
-    try:
-        with gzip.open(io.BytesIO(packed)) as file:
-            found = json.loads(file.read(_MOST_BYTES))["recordings"]
-        return {str(each): str(name) for each, name in found.items()}
-    except (OSError, EOFError, ValueError, TypeError, KeyError, AttributeError) as error:
-        raise StorageError(
-            f"{uri} does not say with which recordings the job began ({error!r}): create the job"
-            " again"
-        ) from error
-
-
-def _of_rows(rows: Iterable[Row]) -> Recordings:
-    found: Recordings = {}
-    for row in rows:
-        bag, parts = (
-            str(row.get("bag") or ""),
-            [str(part["bag"]) for part in row.get("parts") or []],
+def _check_names(planned: Plan) -> None:
+    """Raises StorageUnfitError where two would have one name."""
+    counts = Counter([case.id for case in planned.cases] + [each.id for each in planned.unplanned])
+    if twice := [name for name, count in counts.items() if count > 1]:
+        raise StorageUnfitError(
+            f"two cases would have the name {min(twice)} that one had when the job began: create"
+            " the job again"
         )
-        # That of a bag without a case is no fragment's.
-        name = str(row.get("fragment") or row["case"]) if "window" in row else ""
-        for uri in _whose(bag, parts):
-            known = found.get(uri, "")
-            found[uri] = (min(name, known) if name and known else name or known) * (uri == bag)
-    return found
 
 
-def _renamed(cases: list[Case], first: Recordings, now: Recordings) -> list[Case]:
+def _no_more(
+    first: FirstPlan, named: Iterable[Case | Unplanned], explained: Iterable[Unplanned]
+) -> list[Unplanned]:
+    """The chosen cases that are none any more, though nothing is wrong with their recordings."""
+    names, bags = {each.id for each in named}, {each.bag for each in explained}
+    return [
+        Unplanned(
+            name,
+            uri,
+            "BagMissing",
+            f"{name}, which was chosen when the job began, is no case of {uri} by now: it was"
+            " replaced; create the job again",
+        )
+        for name, uri in (first.chosen or {}).items()
+        if name not in names and uri not in bags
+    ]
+
+
+def _renamed(cases: list[Case], first: Names, now: Names) -> list[Case]:
     """The cases by the names that they had first: of recordings of one name these depend on which
     there are, and results, quarantines and comparisons go by them.
-
-    Raises StorageError where two would have one name.
     """
     stems = {
         uri: _stems(first[uri], now[uri])
         for uri in first.keys() & now.keys()
         if first[uri] and now[uri] and first[uri] != now[uri]
     }
-    named = [_of_stem(case, *stems.get(case.bag, ("", ""))) for case in cases]
-    counts = Counter(case.id for case in named)
-    if stems and (twice := [name for name, count in counts.items() if count > 1]):
-        raise StorageError(
-            f"two cases would have the name {min(twice)} that one had when the job began: create"
-            " the job again"
-        )
-    return named
+    return [_of_stem(case, *stems.get(case.bag, ("", ""))) for case in cases]
 
 
 def _of_stem(case: Case, then: str, now: str) -> Case:

@@ -19,7 +19,9 @@ class StorageError(Exception):
 
 
 class StorageUnfitError(StorageError):
-    """Storage of this kind can't hold results; waiting changes nothing."""
+    """Waiting changes nothing: storage of this kind can't hold results, or what a job has kept
+    there can't be used any more.
+    """
 
 
 @contextmanager
