@@ -92,11 +92,21 @@ def test_a_recording_is_counted_once_whatever_links_lead_to_it(tmp_path: Path) -
     assert uris == deep
 
 
-def test_a_file_and_a_link_to_it_are_one_recording(tmp_path: Path) -> None:
-    (tmp_path / "a.bag").write_text("a recording")
-    (tmp_path / "latest.bag").symlink_to("a.bag")
-    uris, _ = recordings(["pvc://r/*.bag"], Storage({"r": str(tmp_path)}))
-    assert uris == ["pvc://r/a.bag"]
+@pytest.mark.parametrize("link", ["latest.bag", "a-link.bag"])
+@pytest.mark.parametrize("pattern", ["*.bag", "[a-z]*", "?*.bag"])
+def test_a_file_and_a_link_to_it_are_one_recording(tmp_path: Path, link: str, pattern: str) -> None:
+    """By its own name, whichever comes first."""
+    (tmp_path / "drive.bag").write_text("a recording")
+    (tmp_path / link).symlink_to("drive.bag")
+    uris, _ = recordings([f"pvc://r/{pattern}"], Storage({"r": str(tmp_path)}))
+    assert uris == ["pvc://r/drive.bag"]
+
+
+def test_brackets_alone_make_a_pattern(tmp_path: Path) -> None:
+    for name in "abc":
+        (tmp_path / f"{name}.bag").write_text("a recording")
+    storage = Storage({"r": str(tmp_path)})
+    assert storage.expand("pvc://r/[ab].bag") == ["pvc://r/a.bag", "pvc://r/b.bag"]
 
 
 def test_the_folder_that_stands_for_a_claim_may_have_any_name(tmp_path: Path) -> None:

@@ -178,6 +178,21 @@ def test_no_recording_is_compared_with_every_other_one() -> None:
     assert len(compared) <= 1001
 
 
+def test_a_link_to_a_folder_s_own_file_is_no_recording_either(tmp_path: Path) -> None:
+    """latest/night_0.mcap, beside the folder of the night; the folder, by a link to it."""
+    metadata = folder(tmp_path / "night", Form("mcap"), split(drive(), 30))
+    [part, *_] = sorted(metadata.parent.glob("*.mcap"))
+    (tmp_path / "latest").mkdir()
+    (tmp_path / "latest" / part.name).symlink_to(part)
+    (tmp_path / "again").symlink_to("night")
+    other = tmp_path / "latest" / "other.mcap"
+    other.touch()
+    storage = Storage({"r": str(tmp_path)})
+    for named in ("night", "again"):
+        uris, _ = recordings([f"pvc://r/{named}/", "pvc://r/latest/*.mcap"], storage)
+        assert uris == [f"pvc://r/{named}/metadata.yaml", "pvc://r/latest/other.mcap"]
+
+
 def test_no_folder_is_compared_with_every_other_recording() -> None:
     """Thousands of them are named by one pattern."""
     asked = []

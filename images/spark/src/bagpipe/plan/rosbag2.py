@@ -108,20 +108,23 @@ def _metadata_below(pattern: str, files: list[str], storage: Storage) -> list[st
 
 
 def without_members(uris: list[str], storage: Storage) -> list[str]:
-    """The recordings without the files that a folder's metadata names: those are none of their own,
-    and would be played twice.
+    """The recordings without the files that a folder's metadata names, whichever links lead to
+    these: they are none of their own, and would be played twice. Raises StorageError.
     """
     members: set[str] = set()
-    ordered = sorted(set(uris))
-    for uri in filter(is_folder, uris):
-        folder = uri.removesuffix(METADATA)
+    own = storage.own_names(uris)
+    folders = storage.own_names([uri.removesuffix(METADATA) for uri in filter(is_folder, uris)])
+    ordered = sorted(set(own.values()))
+    for given, folder in folders.items():
         # What begins alike stands together: the folder's own metadata, and maybe more.
         first = bisect.bisect_left(ordered, folder)
-        if any(each != uri and each.startswith(folder) for each in ordered[first : first + 2]):
+        metadata = f"{folder}{METADATA}"
+        if any(each != metadata and each.startswith(folder) for each in ordered[first : first + 2]):
             # Who plans it says what is wrong.
             with contextlib.suppress(BagError, StorageError):
-                members.update(read_metadata(uri, storage).files)
-    return [uri for uri in uris if uri not in members]
+                files = read_metadata(f"{given}{METADATA}", storage).files
+                members.update(storage.own_names(files).values())
+    return [uri for uri in uris if own[uri] not in members]
 
 
 def read_metadata(uri: str, storage: Storage) -> Metadata:

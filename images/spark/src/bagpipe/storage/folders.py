@@ -37,19 +37,28 @@ def once(paths: list[str]) -> list[str]:
     """Each file once: by its own name rather than by that of a link to it, and below its own folder
     rather than below a link to that, where these are among the paths."""
     named: dict[str, tuple[bool, bool, str]] = {}
+    for path, real, is_link in _looked_at(paths):
+        mine = (is_link, path != real, path)
+        named[real] = min(named.get(real, mine), mine)
+    kept = {path for _, _, path in named.values()}
+    return [path for path in paths if path in kept]
+
+
+def real_paths(paths: Iterable[str]) -> dict[str, str]:
+    """Where each path leads to."""
+    return {path: real for path, real, _ in _looked_at(paths)}
+
+
+def _looked_at(paths: Iterable[str]) -> Iterator[tuple[str, str, bool]]:
+    """The paths, where each leads to, and whether it is a link itself."""
     folders: dict[str, str] = {}
     for path in paths:
         folder, _, name = path.rpartition("/")
         if folder not in folders:
             folders[folder] = os.path.realpath(folder or "/")
-        real = f"{folders[folder].rstrip('/')}/{name}"
         is_link = os.path.islink(path)  # noqa: PTH114  a hundred thousand of them
-        if is_link:
-            real = os.path.realpath(path)
-        mine = (is_link, path != real, path)
-        named[real] = min(named.get(real, mine), mine)
-    kept = {path for _, _, path in named.values()}
-    return [path for path in paths if path in kept]
+        real = f"{folders[folder].rstrip('/')}/{name}"
+        yield path, os.path.realpath(path) if is_link else real, is_link
 
 
 def _below(bases: Iterable[str], check: Callable[[Path], None]) -> Iterator[str]:

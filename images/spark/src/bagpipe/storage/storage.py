@@ -9,7 +9,7 @@ from typing import TypeVar
 
 from bagpipe.storage.backend import Sink, Stat
 from bagpipe.storage.faults import StorageError, StorageUnfitError, storage_errors
-from bagpipe.storage.folders import once
+from bagpipe.storage.folders import once, real_paths
 from bagpipe.storage.globs import is_pattern
 from bagpipe.storage.kinds import locate, restore
 from bagpipe.storage.reading import OpenFile
@@ -17,6 +17,7 @@ from bagpipe.storage.retries import Clock, Patience, persistently
 
 T = TypeVar("T")
 
+_VOLUMES = frozenset({"pvc", "file"})
 _ELSEWHERE = (
     "Write spec.output.uri on another storage, or a server's version that keeps the condition"
 )
@@ -53,15 +54,28 @@ class Storage:
 
         Raises StorageError.
         """
-        named: dict[str, str] = {}
-        elsewhere = set()
-        for uri in uris:
-            if uri.startswith(("pvc://", "file://")):
-                named.setdefault(locate(uri, self.volumes, self.patience)[1], uri)
-            else:
-                elsewhere.add(uri)
-        kept = elsewhere | {named[path] for path in once(list(named))}
-        return [uri for uri in uris if uri in kept]
+        paths, named = self._paths(uris), dict[str, str]()
+        for uri, path in paths.items():
+            named.setdefault(path, uri)
+        kept = {named[path] for path in once(list(named))}
+        return [uri for uri in uris if uri in kept or uri not in paths]
+
+    def own_names(self, uris: list[str]) -> dict[str, str]:
+        """For each URI the one that its file has without links; for all others itself.
+
+        Raises StorageError.
+        """
+        paths = self._paths(uris)
+        real = real_paths(paths.values())
+        return {uri: f"file://{real[paths[uri]]}" if uri in paths else uri for uri in uris}
+
+    def _paths(self, uris: list[str]) -> dict[str, str]:
+        """Those of files of volumes."""
+        return {
+            uri: locate(uri, self.volumes, self.patience)[1]
+            for uri in uris
+            if uri.partition("://")[0] in _VOLUMES
+        }
 
     def exists(self, uri: str) -> bool:
         """Whether there is a file (not a folder) of that name."""
