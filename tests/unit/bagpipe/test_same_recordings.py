@@ -12,7 +12,7 @@ import pytest
 from bagpipe.driver import job as driver
 from bagpipe.driver import patience
 from bagpipe.driver.chosen import chosen
-from bagpipe.driver.first_plan import FILE
+from bagpipe.driver.first_plan import FILE, first_plan
 from bagpipe.driver.journal import Journal
 from bagpipe.driver.keep import Keeper
 from bagpipe.driver.progress import Progress
@@ -24,7 +24,7 @@ from bagpipe.plan.made import Plan, Unplanned
 from bagpipe.run.case_run import Row
 from bagpipe.source.planning import plan
 from bagpipe.spec import JobFile
-from bagpipe.storage import Storage, StorageUnfitError
+from bagpipe.storage import Storage, StorageError, StorageUnfitError
 from tests.unit.bagpipe.bags import steady, write_bag
 from tests.unit.bagpipe.jobs import make_job, make_row, make_spec
 from tests.unit.bagpipe.places import By
@@ -176,10 +176,53 @@ def test_a_part_that_is_gone_takes_the_cases_that_were_put_together_of_it(tmp_pa
     assert again(storage, Plan([case("a")], []), journaled) == (["a"], [part["bag"]])
 
 
+class Hurried(Storage):
+    """That of a driver which looked when the other had kept nothing yet."""
+
+    def exists(self, uri: str) -> bool:  # noqa: ARG002  as the base class's
+        return False
+
+
 def test_the_first_of_two_drivers_that_begin_at_once_counts(tmp_path: Path) -> None:
+    for kind, planned in ((Storage, [case("a")]), (Hurried, [case("a"), case("b")])):
+        assert again(kind({"results": str(tmp_path)}), Plan(planned, [])) == (["a"], [])
+
+
+def test_a_name_is_that_of_the_first_fragment_in_whichever_order_they_run(tmp_path: Path) -> None:
     storage = Storage({"results": str(tmp_path)})
-    for planned in (Plan([case("a")], []), Plan([case("a"), case("b")], [])):
-        assert again(storage, planned) == (["a"], [])
+    planned = Plan([case("m-0002", "m"), case("m-0001", "m")], [])
+    first = first_plan(storage, RESULTS, planned, lambda planned: planned, list)
+    assert first.recordings == {"pvc://recordings/m.bag": "m-0001"}
+
+
+def test_no_piece_is_called_as_what_it_is_a_piece_of(tmp_path: Path) -> None:
+    storage = Storage({"results": str(tmp_path)})
+    parts = [{"bag": "pvc://recordings/m.bag"}]
+
+    def journaled() -> list[Row]:
+        return [{"case": "sequence-0000", "bag": "sequence", "window": [], "parts": parts}]
+
+    made = of_the_same_recordings(storage, RESULTS, Plan([case("m-0000", "m")], []), journaled)
+    assert [each.id for each in made.cases] == ["m-0000"]
+
+
+def test_storage_that_is_away_for_a_while_is_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pauses: list[float] = []
+
+    def patiently(action: Any, progress: Progress) -> Any:
+        return patience.patiently(action, progress, pause=pauses.append)
+
+    def put_once(storage: Storage, uri: str, data: bytes) -> bool:
+        if uri.endswith(FILE) and not pauses:
+            raise StorageError("503")
+        return put(storage, uri, data)
+
+    put = Storage.put_once
+    monkeypatch.setattr(Storage, "put_once", put_once)
+    monkeypatch.setattr(driver, "patiently", patiently)
+    assert (Drivers(tmp_path).go(case("a")).verdict, len(pauses)) == ("Passed", 1)
 
 
 @pytest.mark.parametrize(
@@ -490,24 +533,80 @@ def test_what_yields_no_case_keeps_its_name_too_and_so_its_quarantine(tmp_path: 
     assert (progress.verdict, sorted(drivers.cases())) == ("Passed", ["monday-0000", "x"])
 
 
-def test_what_yields_no_case_for_several_reasons_keeps_them_apart(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("then", "now"), [(2, 2), (2, 1), (1, 2)])
+def test_what_yields_no_case_for_several_reasons_keeps_them_apart(
+    tmp_path: Path, then: int, now: int
+) -> None:
     storage = Storage({"results": str(tmp_path)})
-    both = [replace(unread("a"), id=name) for name in ("a-c1", "a-c2")]
-    again(storage, Plan([case("x")], both))
-    made = of_the_same_recordings(storage, RESULTS, Plan([case("x"), case("y")], both), list)
-    assert made.unplanned == both
+    reasons = [replace(unread("a"), id=name) for name in ("a-c1", "a-c2")]
+    again(storage, Plan([case("x")], reasons[:then]))
+    by_now = Plan([case("x"), case("y")], reasons[:now])
+    made = of_the_same_recordings(storage, RESULTS, by_now, list)
+    assert made.unplanned == by_now.unplanned
+
+
+def sequence(name: str, *bags: str) -> Case:
+    whole = folder(name, "pvc://recordings", *(f"{bag}.bag" for bag in bags))
+    return replace(whole, bag="sequence")
 
 
 def test_a_case_of_others_that_nobody_chose_is_not_errored(tmp_path: Path) -> None:
-    """Two sequences share a piece, and one of them is chosen."""
+    """Sequences share pieces, one of them is chosen, and one could not be read."""
     drivers = Drivers(tmp_path)
     drivers.names = ["one"]
-    one, two = (
-        replace(folder(name, "", *files), bag="sequence")
-        for name, files in (("one", "ab"), ("two", "bc"))
-    )
-    drivers.begin(one, two, done=[])
-    assert (drivers.go(one, two).verdict, drivers.ran) == ("Passed", ["one"])
+    began = [sequence("one", "a", "b"), sequence("two", "b", "c")]
+    drivers.interrupts = True
+    drivers.go(*began, unplanned=[replace(unread("d"), id="three")])
+    drivers.interrupts, drivers.ran = False, []
+    assert drivers.go(*began, sequence("three", "a", "d")).verdict == "Passed"
+    assert drivers.ran == ["one"]
+
+
+def test_one_that_was_chosen_and_could_not_be_read_is_not_left_out(tmp_path: Path) -> None:
+    drivers = Drivers(tmp_path)
+    drivers.names = ["x", "three"]
+    drivers.interrupts = True
+    drivers.go(case("x"), unplanned=[replace(unread("d"), id="three")])
+    drivers.interrupts = False
+    progress = drivers.go(case("x"), sequence("three", "a", "d"))
+    assert (progress.phase, progress.reason) == ("Failed", "BagMissing")
+
+
+def test_a_recording_that_only_some_conditions_refuse_adds_no_case_to_the_number(
+    tmp_path: Path,
+) -> None:
+    drivers = Drivers(tmp_path)
+    drivers.names = ["1"]
+    refused = Unplanned("m-c2", "pvc://recordings/m.bag", "BagUnreadable", "no such topic")
+    drivers.go(case("m-c1", "m"), case("m-c3", "m"), unplanned=[refused])
+    assert drivers.ran == ["m-c1"]
+
+
+def test_a_failed_case_counts_where_the_release_that_began_the_job_kept_nothing(
+    tmp_path: Path,
+) -> None:
+    drivers = Drivers(tmp_path)
+    drivers.names = ["1"]
+    Journal(drivers.storage, RESULTS, 1).append([ran("d", "failed")])
+    assert drivers.go(case("a"), case("d")).verdict == "Failed"
+
+
+def test_what_is_lost_is_named_once(tmp_path: Path) -> None:
+    """Of a recording that is gone with two chosen cases, and of a case that is of others by now."""
+    storage = Storage({"results": str(tmp_path)})
+    of_a = [case("a-0000", "a"), case("a-0001", "a")]
+    one = sequence("one", "b", "c")
+
+    def wanted(planned: Plan) -> Plan:
+        return chosen(planned, ["a-*", "one"])
+
+    def driver_over(*cases: Case) -> list[Unplanned]:
+        planned = Plan(list(cases), [])
+        return of_the_same_recordings(storage, RESULTS, planned, list, wanted).unplanned
+
+    assert driver_over(case("x"), *of_a, one) == []
+    lost = [each.bag for each in driver_over(case("x"), sequence("one", "b", "d"), case("c"))]
+    assert lost == ["pvc://recordings/a.bag", "sequence"]
 
 
 def test_what_no_waiting_mends_is_not_waited_for(

@@ -73,7 +73,7 @@ def test_one_that_has_died_meanwhile_is_replaced(
 def test_no_two_drivers_write_one_log(tmp_path: Path) -> None:
     log = tmp_path / "driver.log"
     with log.open("ab") as others:
-        fcntl.flock(others, fcntl.LOCK_EX)
+        fcntl.flock(others, fcntl.LOCK_SH)
         with driver_process.driver([], log, PATIENCE) as process:
             assert process.stdout is not None
             assert process.stdout.read() == b""
@@ -112,6 +112,61 @@ def test_one_that_waits_ends_with_who_started_it() -> None:
         return False
 
     wait_until(is_gone, PATIENCE, "the end of the driver")
+
+
+def lives(pid: int) -> bool:
+    """Whether it runs; one that has ended may wait to be asked for its status."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+def test_nothing_of_its_group_is_left_after_the_block(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    program = (
+        "import subprocess, sys\n"
+        "from bagpipe.driver.streams import awaited, own_stdout\n"
+        "out = own_stdout()\n"
+        "awaited(sys.stdin.buffer)\n"
+        "print(subprocess.Popen(['sleep', '600']).pid, file=out, flush=True)\n"
+    )
+    monkeypatch.setattr(driver_process, "_PROGRAM", [sys.executable, "-c", program])
+    with driver_process.driver([], tmp_path / "driver.log", PATIENCE) as process:
+        assert process.stdout is not None
+        child = int(process.stdout.readline())
+    wait_until(lambda: not lives(child), PATIENCE, "the end of the driver's child")
+
+
+def test_one_that_has_its_words_ends_with_who_started_it(tmp_path: Path) -> None:
+    driver = (
+        "import sys, time\n"
+        "from bagpipe.driver.streams import awaited, own_stdout\n"
+        "out = own_stdout()\n"
+        "awaited(sys.stdin.buffer)\n"
+        "print('works', file=out, flush=True)\n"
+        "time.sleep(600)\n"
+    )
+    program = (
+        "import os, signal, sys\n"
+        "from pathlib import Path\n"
+        "from bagpipe.cli import driver_process\n"
+        f"driver_process._PROGRAM = [sys.executable, '-c', {driver!r}]\n"
+        f"with driver_process.driver([], Path({str(tmp_path)!r}, 'driver.log'), 60) as process:\n"
+        "    process.stdout.readline()\n"
+        "    print(process.pid, flush=True)\n"
+        "    os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False
+    )
+    pid = int(done.stdout)
+    try:
+        wait_until(lambda: not lives(pid), PATIENCE, "the end of the driver")
+    finally:
+        if lives(pid):
+            os.kill(pid, signal.SIGKILL)
 
 
 @pytest.mark.parametrize(

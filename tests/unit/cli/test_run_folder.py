@@ -55,6 +55,7 @@ def test_an_earlier_run_is_never_overwritten_unasked(tmp_path: Path) -> None:
         prepare(folder)
     prepare(folder, resume=True)
     assert (folder / "manifest.json").exists()
+    assert (folder / "results.jsonl").exists()
     prepare(folder, replace=True)
     # Of what lies there only what a run makes is removed.
     assert sorted(path.name for path in folder.iterdir()) == ["notes.txt", "run.json"]
@@ -163,6 +164,41 @@ def test_what_was_judged_otherwise_is_not_gone_on_with(
         prepare(folder, how, resume=True)
     assert prepare(folder, begun(evaluate=LAX), resume=True) is ended
     prepare(folder, how, replace=True)
+
+
+def test_all_that_decides_cases_or_verdicts_is_compared() -> None:
+    """A field that comes has to be put here, or among what decides nothing."""
+    assert set(begun()) == {
+        "source", "stack", "variants", "matrix", "playback", "record", "baseline", "comparison",
+        "evaluate", "maxFailedCases", "faultPolicy", "quarantine", "resumeFrom",
+        "--volume", "--cases",
+    }  # fmt: skip
+    assert set(begun()["stack"]) == {
+        "image", "command", "engine", "env", "envFrom", "parameters", "remap", "ros1", "ros2",
+        "volumeMounts", "securityContext",
+    }  # fmt: skip
+
+
+def test_one_folder_by_two_names_is_the_same_volume(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert begun(volumes={"r": "."}) == begun(volumes={"r": str(tmp_path)})
+
+
+def test_what_a_run_began_with_takes_the_place_of_a_longer_one(tmp_path: Path) -> None:
+    interrupted(tmp_path, begun(evaluate=LAX))
+    prepare(tmp_path, begun(), replace=True)
+    interrupted(tmp_path, begun())
+    prepare(tmp_path, begun(), resume=True)
+
+
+def test_what_a_run_began_with_is_not_written_through_a_link(tmp_path: Path) -> None:
+    (tmp_path / "results").mkdir()
+    (tmp_path / "results/run.json").symlink_to(tmp_path / "mine")
+    with pytest.raises(RunError, match="can't be written"):
+        prepare(tmp_path / "results")
+    assert not (tmp_path / "mine").exists()
 
 
 def test_more_slots_and_memory_are_the_same_run(tmp_path: Path) -> None:

@@ -66,8 +66,8 @@ class FirstPlan:
             # That of a bag without a case is no fragment's.
             name = str(row.get("fragment") or row["case"]) if "window" in row else ""
             for uri in uris:
-                known = names.get(uri, "")
-                names[uri] = (min(name, known) if name and known else name or known) * (uri == bag)
+                # A piece's own cases have other names than what it is a piece of.
+                names[uri] = names.get(uri) or (name if uri == bag else "")
             if name:
                 ran[row["case"]] = uris[0]
         found = {uri: name or self.recordings.get(uri, "") for uri, name in names.items()}
