@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import BinaryIO
 
 import pytest
 from click.testing import CliRunner
@@ -27,16 +28,20 @@ PROGRAM = (
 )
 
 
+Waiting = tuple[driver_process.Process, BinaryIO]
+
+
 @pytest.fixture(autouse=True)
-def waiting(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[driver_process.Process]]:
+def waiting(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Waiting]]:
     """Those that wait, of which none is left."""
-    found: list[driver_process.Process] = []
+    found: list[Waiting] = []
     monkeypatch.setattr(driver_process, "_PROGRAM", [sys.executable, "-c", PROGRAM])
     monkeypatch.setattr(driver_process, "_waiting", found)
     yield found
-    for process in found:
+    for process, early in found:
         process.kill()
         process.communicate()
+        early.close()
 
 
 def words_and_log(tmp_path: Path) -> tuple[str, str]:
@@ -51,7 +56,7 @@ def words_and_log(tmp_path: Path) -> tuple[str, str]:
 
 @pytest.mark.parametrize("early", [True, False])
 def test_a_driver_has_its_words_and_its_log_whenever_it_was_started(
-    tmp_path: Path, waiting: list[driver_process.Process], early: bool
+    tmp_path: Path, waiting: list[Waiting], early: bool
 ) -> None:
     if early:
         driver_process.begin()
@@ -61,12 +66,10 @@ def test_a_driver_has_its_words_and_its_log_whenever_it_was_started(
     assert waiting == []
 
 
-def test_one_that_has_died_meanwhile_is_replaced(
-    tmp_path: Path, waiting: list[driver_process.Process]
-) -> None:
+def test_one_that_has_died_meanwhile_is_replaced(tmp_path: Path, waiting: list[Waiting]) -> None:
     driver_process.begin()
-    waiting[0].kill()
-    waiting[0].wait()
+    waiting[0][0].kill()
+    waiting[0][0].wait()
     assert words_and_log(tmp_path) == ("--slots 2\n", "a child\nin the log True\n")
 
 
@@ -92,11 +95,27 @@ def test_one_that_ends_before_its_words_come_is_reported_by_its_end(
     assert (process.returncode, log.read_text().splitlines()[-1]) == (1, "LookupError")
 
 
+@pytest.mark.parametrize("early", [True, False])
+def test_the_log_has_why_it_could_not_start(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, early: bool
+) -> None:
+    """A full disk, as the server of the slots' processes meets it, before it has its words."""
+    program = "import sys; sys.stdin.buffer.peek(); raise OSError('No space left on device')"
+    monkeypatch.setattr(driver_process, "_PROGRAM", [sys.executable, "-c", program])
+    if early:
+        driver_process.begin()
+    log = tmp_path / "driver.log"
+    with driver_process.driver([], log, PATIENCE) as process:
+        assert process.stdout is not None
+        assert process.stdout.read() == b""
+    assert log.read_text().splitlines()[-1] == "OSError: No space left on device"
+
+
 def test_one_that_waits_ends_with_who_started_it() -> None:
     program = (
         "from bagpipe.cli import driver_process\n"
         "driver_process.begin()\n"
-        "print(driver_process._waiting[0].pid, flush=True)\n"
+        "print(driver_process._waiting[0][0].pid, flush=True)\n"
         "import os, signal; os.kill(os.getpid(), signal.SIGKILL)\n"
     )
     done = subprocess.run(
@@ -174,26 +193,26 @@ def test_one_that_has_its_words_ends_with_who_started_it(tmp_path: Path) -> None
     [(["run", "--help"], 0), (["run"], 0), (["list"], 0), (["run", "no.yaml"], 1)],
 )
 def test_none_is_started_for_help_or_another_verb(
-    waiting: list[driver_process.Process], words: list[str], begun: int
+    waiting: list[Waiting], words: list[str], begun: int
 ) -> None:
     CliRunner().invoke(main, words)
     assert len(waiting) == begun
 
 
-def test_tab_starts_none(waiting: list[driver_process.Process]) -> None:
+def test_tab_starts_none(waiting: list[Waiting]) -> None:
     verb = main.commands["run"]
     verb.make_context("run", ["job.yaml"], resilient_parsing=True)
     assert waiting == []
 
 
 def test_one_that_waits_in_vain_leaves_no_file_behind(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, waiting: list[driver_process.Process]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, waiting: list[Waiting]
 ) -> None:
     """The server of the slots' processes has a folder with a socket by then."""
     monkeypatch.setattr(driver_process, "_PROGRAM", [sys.executable, "-m", "bagpipe.driver.local"])
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     driver_process.begin()
     wait_until(lambda: any(tmp_path.glob("pymp-*/*")), PATIENCE, "the server's socket")
-    waiting[0].terminate()
-    assert waiting[0].wait(PATIENCE) == 128 + signal.SIGTERM
+    waiting[0][0].terminate()
+    assert waiting[0][0].wait(PATIENCE) == 128 + signal.SIGTERM
     assert list(tmp_path.iterdir()) == []

@@ -12,22 +12,26 @@ import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import IO
+from typing import IO, BinaryIO
 
 from bagpipe.run.with_parent import die_with_parent
 
 Process = subprocess.Popen[bytes]
 
 _PROGRAM = [sys.executable, "-m", "bagpipe.driver.local"]
-# The one that waits for its words, if any.
-_waiting: list[Process] = []
+# Of what a driver writes before it knows its log, as where it can't start.
+_MOST_EARLY_BYTES = 64 << 10
+# The one that waits for its words, if any, and what it writes until then.
+_waiting: list[tuple[Process, BinaryIO]] = []
 
 
 def begin() -> None:
     """Start a driver that waits, unless one does; it ends with this process."""
     with contextlib.suppress(OSError):  # `driver` meets it too
         if not _waiting:
-            _waiting.append(_started(subprocess.DEVNULL))
+            # Of memory: a full disk may be what it has to report.
+            early = os.fdopen(os.memfd_create("driver"), "rb")
+            _waiting.append((_started(early), early))
 
 
 @contextlib.contextmanager
@@ -38,7 +42,7 @@ def driver(words: Sequence[str], log: Path, seconds: float) -> Iterator[Process]
     After the block it has so many `seconds` to end.
     """
     with log.open("wb") as errors:
-        process = _waiting.pop() if _waiting else None
+        process, early = _waiting.pop() if _waiting else (None, None)
         if process is None or process.poll() is not None:
             process = _started(errors)
     try:
@@ -53,6 +57,16 @@ def driver(words: Sequence[str], log: Path, seconds: float) -> Iterator[Process]
         process.wait()
         if process.stdout is not None:
             process.stdout.close()
+        if early is not None:
+            _add_early(early, log)
+
+
+def _add_early(early: BinaryIO, log: Path) -> None:
+    """Has a log that a driver never wrote to say why."""
+    with early, contextlib.suppress(OSError), log.open("ab") as file:
+        if file.tell() == 0:
+            early.seek(0)
+            file.write(early.read(_MOST_EARLY_BYTES))
 
 
 def _send(process: Process, words: Sequence[str], log: Path) -> None:
