@@ -272,6 +272,8 @@ class View:
         self._gone: dict[str, deque[PodView]] = {}
         # The jobs that run, or have run, in the pods that were made for another job, by its UID.
         self._guests: dict[str, set[str]] = {}
+        # Of those the one that counts, with its claim's attempt, as far as it has been looked for.
+        self._last_guests: dict[str, tuple[str, int] | None] = {}
         self._pooled: set[str] = set()
 
     def job(self, uid: str) -> JobView | None:
@@ -321,19 +323,21 @@ class View:
     def user_of(self, job_uid: str, attempt: int) -> str:
         """Whose the pods are that were made for a job's attempt: its own, or of the last guest."""
         guest = self._last_guest(job_uid)
-        claim = taken(guest.status) if guest is not None else None
-        if guest is None or claim is None or claim.attempt != attempt:
-            return job_uid
-        return guest.uid
+        return guest[0] if guest is not None and guest[1] == attempt else job_uid
 
-    def _last_guest(self, job_uid: str) -> JobView | None:
-        """One that has not ended comes before those that have, of which the last one counts."""
-        guests = (self._jobs[uid] for uid in self._guests.get(job_uid, ()))
-        return max(
-            guests,
-            key=lambda job: (not job.finished, job.status.get("completionTime") or "", job.uid),
-            default=None,
-        )
+    def _last_guest(self, job_uid: str) -> tuple[str, int] | None:
+        """The guest that has, or had last, a job's pods, and of which attempt they are.
+
+        Looked for once after each change, and not for each pod and each other guest: a pool that
+        is used all day has a thousand.
+        """
+        if job_uid not in self._guests:
+            return None
+        if job_uid not in self._last_guests:
+            guest = max((self._jobs[uid] for uid in self._guests[job_uid]), key=_order_of_guests)
+            claim = taken(guest.status)
+            self._last_guests[job_uid] = (guest.uid, claim.attempt) if claim is not None else None
+        return self._last_guests[job_uid]
 
     def pooled(self) -> list[JobView]:
         """The jobs whose status names a pool, but for those that have ended and have no pods."""
@@ -396,6 +400,7 @@ class View:
             self._pooled.add(job.uid)
         if (claim := taken(job.status)) is not None:
             self._guests.setdefault(claim.uid, set()).add(job.uid)
+            self._last_guests.pop(claim.uid, None)
 
     def _leave_pool(self, uid: str) -> None:
         known = self._jobs.get(uid)
@@ -404,6 +409,7 @@ class View:
         if claim is not None:
             guests = self._guests[claim.uid]
             guests.discard(uid)
+            self._last_guests.pop(claim.uid, None)
             if not guests:
                 del self._guests[claim.uid]
 
@@ -462,6 +468,11 @@ class View:
         if claim is None or (pod.namespace, pod.name) in own:
             return pod.job_uid, own
         return claim.uid, self._pods.get(claim.uid, {})
+
+
+def _order_of_guests(job: JobView) -> tuple[bool, str, str]:
+    """One that has not ended comes after those that have, of which the last one counts."""
+    return not job.finished, job.status.get("completionTime") or "", job.uid
 
 
 def _is_of(job: JobView, pod: PodView) -> bool:
