@@ -140,6 +140,7 @@ class Reconciler:
         job = self.view.job(uid)
         if job is None or job.deleting:
             self._forget(uid)  # its children go by their ownerReferences
+            self._warm.forget_driver(uid)
             self._unanswered.pop(uid, None)
             self._recorder.forget(uid)
             self.announcer.forget(uid)
@@ -503,7 +504,9 @@ class Reconciler:
         for their logs until the job is deleted.
         """
         pods = [p for p in self.view.pods(job.uid) if not p.ended and not p.deleting]
-        if pods and await self._warm.keeps(job):
+        if not pods:
+            self._warm.forget_driver(job.uid)
+        elif await self._warm.keeps(job):
             return
         for pod in sorted(pods, key=lambda p: p.role != names.ROLE_DRIVER):
             if needs_stop(pod, self.now()):

@@ -89,6 +89,7 @@ class WarmStarts:
     _crowds: Crowds = field(init=False)
     # The drivers' pods that jobs are about to claim, by the jobs' UIDs.
     _chosen: dict[str, str] = field(default_factory=dict)
+    # The drivers that don't answer, by the jobs whose pods they are.
     _silent: Patience = field(default_factory=Patience)
 
     def __post_init__(self) -> None:
@@ -210,6 +211,10 @@ class WarmStarts:
         self._crowds.forget(uid)
         self._chosen.pop(uid, None)
 
+    def forget_driver(self, uid: str) -> None:
+        """A job has no pods any more, or is gone."""
+        self._silent.forget(uid)
+
     async def keeps(self, job: JobView) -> bool:
         """Whether the pods of a job that has ended stay, for another job or because they have one.
 
@@ -219,6 +224,7 @@ class WarmStarts:
             return False
         pod = standing_driver(self.view, job)
         if pod is None:
+            self._silent.forget(job.uid)
             return await self._has_unlisted_driver(job)
         drivers = drivers_of_pools(self.view)
         found = next((driver for driver in drivers if driver.uid == pod.uid), None)
@@ -226,7 +232,10 @@ class WarmStarts:
             return False
         leave = leaving(drivers, self._crowds.now(), self.pooling, self.now())
         why = next((why for driver, why in leave if driver.uid == pod.uid), None)
-        if why is None or await self._may_work(pod):
+        if why is None:
+            self._silent.forget(job.uid)  # it is not asked, and might answer
+            return True
+        if await self._may_work(job, pod):
             return True
         logger.info("%s/%s waits no longer: %s", pod.namespace, pod.name, why)
         return False
@@ -241,14 +250,14 @@ class WarmStarts:
         known = self.view.driver(pod.job_uid, pod.attempt)
         return known is None or known.uid != pod.uid
 
-    async def _may_work(self, pod: PodView) -> bool:
+    async def _may_work(self, job: JobView, pod: PodView) -> bool:
         """Whether a driver has a job that is not in the view, as when an operator starts.
 
         One that is silent is waited for as long as it may take to bring all jobs into the view.
         """
         works = await self.drivers.works(pod.ip)
-        silent = ["silent"] if works is None else []
-        seconds = self._silent.observe(pod.uid, silent, self.monotonic())
+        silent = [pod.uid] if works is None else []
+        seconds = self._silent.observe(job.uid, silent, self.monotonic())
         return bool(works) or any(waited < SILENT_SECONDS for waited in seconds.values())
 
 
