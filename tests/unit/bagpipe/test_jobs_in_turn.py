@@ -22,13 +22,14 @@ from bagpipe.driver.kept_spark import KeptSpark, alike
 from bagpipe.driver.metrics import DriverMetrics
 from bagpipe.driver.progress import Progress
 from bagpipe.driver.results import Results
-from bagpipe.driver.seat import Claimed, Offer, Seat
+from bagpipe.driver.seat import Claimed, Seat
 from bagpipe.driver.spark_context import QUICK_JVM, DriverPod, spark_settings
 from bagpipe.driver.spark_gone import SparkGoneError
 from bagpipe.plan.case import Case
 from bagpipe.run.case_run import Row, RunContext
 from bagpipe.spec import JobFile
 from tests.unit.bagpipe.jobs import make_job, make_row, make_spec
+from tests.unit.bagpipe.offers import offer_of
 from tests.unit.bagpipe.places import By
 from tests.unit.bagpipe.test_driver_over_spark import World
 from tests.waiting import PATIENCE, wait_until
@@ -100,7 +101,7 @@ class Turns:
             return
         job = self.jobs.pop(0)
         self.claims[job.name] = Claimed(job.uid, job.attempt, "pod-uid", "digest")
-        self.answers.append(self.seat.offer(Offer(job, "digest")))
+        self.answers.append(self.seat.offer(offer_of(job)))
 
     def go(self) -> None:
         work_in_turn(self.seat, self.work, self.interruption)

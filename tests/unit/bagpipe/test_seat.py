@@ -1,6 +1,8 @@
 """One job at a time, only by its own claim, and what was refused once stays refused."""
 
 import threading
+import time
+from dataclasses import replace
 
 import pytest
 
@@ -8,6 +10,7 @@ from bagpipe.driver import seat as seats
 from bagpipe.driver.seat import Claimed, Offer, Seat
 from bagpipe.spec import JobFile
 from tests.unit.bagpipe.jobs import make_job
+from tests.unit.bagpipe.offers import offer_of
 from tests.waiting import PATIENCE
 
 
@@ -27,13 +30,15 @@ class World:
             raise OSError("nobody answers")
         return self.claims.get(job)
 
-    def offer(self, name: str, claimed: bool = True, attempt: int = 1) -> Offer:
+    def offer(
+        self, name: str, claimed: bool = True, attempt: int = 1, sender: str = "operator"
+    ) -> Offer:
         job = make_job({}).model_copy(
             update={"name": name, "uid": f"uid-{name}", "attempt": attempt}
         )
         if claimed:
             self.claims[name] = Claimed(f"uid-{name}", attempt, "d", "digest")
-        return Offer(job, "digest")
+        return offer_of(job, sender=sender)
 
 
 def test_a_claimed_job_is_taken_once_and_worked_on() -> None:
@@ -41,7 +46,7 @@ def test_a_claimed_job_is_taken_once_and_worked_on() -> None:
     offer = world.offer("a")
     assert world.seat.offer(offer) == "taken"
     assert world.seat.offer(offer) == "taken"  # the answer was lost: it is asked again
-    assert world.seat.taken() == offer.job
+    assert world.seat.taken() == offer.read()
     assert world.asked == ["a"]
 
 
@@ -63,7 +68,7 @@ def test_a_job_that_claims_nothing_or_something_else_is_refused() -> None:
 def test_a_job_of_another_namespace_is_refused_without_a_question() -> None:
     world = World()
     offer = world.offer("a")
-    elsewhere = Offer(offer.job.model_copy(update={"namespace": "elsewhere"}), "digest")
+    elsewhere = replace(offer, namespace="elsewhere")
     assert world.seat.offer(elsewhere) == "refused"
     assert world.asked == []
 
@@ -72,7 +77,7 @@ def test_two_jobs_do_not_sit_down_together() -> None:
     world = World()
     assert world.seat.offer(world.offer("a")) == "taken"
     assert world.seat.offer(world.offer("b")) == "refused"
-    assert world.seat.taken() == world.offer("a").job
+    assert world.seat.taken() == world.offer("a").read()
 
 
 def test_what_was_refused_is_refused_when_the_seat_is_free_and_the_claim_is_there() -> None:
@@ -140,7 +145,7 @@ def test_who_offers_without_end_fills_no_memory_and_ends_no_job(
         world.seat.offer(world.offer(f"x{number}"))
     assert len(world.seat._met) == 3
     assert world.seat.offer(offer) == "taken"
-    assert world.seat.taken() == offer.job
+    assert world.seat.taken() == offer.read()
     world.seat.leave(stays=True)
     assert world.seat.taken() is None
 
@@ -165,7 +170,7 @@ def test_a_look_up_that_hangs_keeps_neither_the_driver_s_work_nor_who_asks_for_a
 
     world.seat._look_up = hangs
     answers: list[str] = []
-    forged = world.offer("x", claimed=False)
+    forged = world.offer("x", claimed=False, sender="another pod")
     hanging = threading.Thread(target=lambda: answers.append(world.seat.offer(forged)))
     hanging.start()
     assert asked.wait(PATIENCE)
@@ -177,6 +182,50 @@ def test_a_look_up_that_hangs_keeps_neither_the_driver_s_work_nor_who_asks_for_a
     assert answers == ["refused"]
     world.seat._look_up = world.look_up
     assert world.seat.offer(world.offer("a")) == "taken"
+
+
+def test_offers_of_another_pod_without_a_pause_keep_no_job_from_its_driver(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(seats, "_TURN_SECONDS", PATIENCE)
+    world, asked, ended = World(), threading.Event(), threading.Event()
+
+    def look_up(job: str) -> Claimed | None:
+        asked.set()
+        time.sleep(0.002)  # an API server
+        return world.look_up(job)
+
+    world.seat = Seat("d", "lab", 300.0, look_up, lambda: world.now)
+    forged = world.offer("x", claimed=False, sender="another pod")
+
+    def flood() -> None:
+        while not ended.is_set():
+            world.seat.offer(forged)
+
+    threads = [threading.Thread(target=flood) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    assert asked.wait(PATIENCE)
+    try:
+        assert world.seat.offer(world.offer("a")) == "taken"
+    finally:
+        ended.set()
+        for thread in threads:
+            thread.join(PATIENCE)
+
+
+def test_only_what_claims_the_driver_is_read_and_what_can_t_be_read_is_refused_for_ever() -> None:
+    world, read = World(), []
+
+    def no_job() -> None:
+        read.append(1)
+
+    forged = replace(world.offer("a", claimed=False), read=no_job)
+    assert (world.seat.offer(forged), read) == ("refused", [])
+    unreadable = replace(world.offer("a"), read=no_job)
+    assert (world.seat.offer(unreadable), read) == ("refused", [1])
+    assert world.seat.offer(world.offer("a")) == "refused"
+    assert world.seat.offer(world.offer("b")) == "taken"
 
 
 def test_a_seat_that_was_closed_from_a_signal_s_handler_takes_nobody() -> None:
@@ -208,4 +257,4 @@ def test_who_waits_is_woken_by_a_job() -> None:
     claims |= world.claims
     assert seat.offer(offer) == "taken"
     waiting.join(PATIENCE)
-    assert found == [offer.job]
+    assert found == [offer.read()]

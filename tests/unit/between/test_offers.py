@@ -4,6 +4,7 @@ import contextlib
 import hashlib
 import http.client
 import json
+import logging
 import socket
 import threading
 from collections.abc import Iterator
@@ -17,9 +18,10 @@ import pytest
 from bagpipe.driver import __main__ as driver_main
 from bagpipe.driver import own_claim
 from bagpipe.driver.job import Interruption
+from bagpipe.driver.offers import Offers
 from bagpipe.driver.progress import Progress
 from bagpipe.driver.progress_server import LARGEST_JOB_BYTES, serve_progress
-from bagpipe.driver.seat import Claimed
+from bagpipe.driver.seat import Claimed, Seat
 from bagpipe.spec import JobFile
 from bagpipe_operator.jobs.driver.offer import DriverOffers
 from bagpipe_operator.jobs.driver.progress import parse
@@ -291,6 +293,81 @@ async def test_what_is_no_job_is_refused_and_a_driver_at_work_too(pod: Pod) -> N
     pod.claims_it("two", body)
     assert await offered(pod, b'{"name": "two"}') == "refused"
     assert await offered(pod, body) == "refused"
+
+
+class Nobody(Seat):
+    """A seat whose driver no job claims."""
+
+    def __init__(self) -> None:
+        super().__init__(POD, "lanes", 60.0, lambda _name: None)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        {"spec": {"source": {"bags": [1] * 300_000}}},
+        {"name": "two", "namespace": "lanes", "uid": "u", "attempt": 1, "x": [{}] * 200_000},
+        {"name": "x" * 900_000, "namespace": "lanes", "uid": "u", "attempt": 1},
+    ],
+    ids=["no job", "no claim", "name"],
+)
+def test_a_forged_offer_is_a_short_line_and_nobody_reads_the_rest(
+    body: object, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(JobFile, "model_validate_json", None)
+    caplog.set_level(logging.INFO)
+    sent = json.dumps(body).encode()
+    assert len(sent) < LARGEST_JOB_BYTES
+    assert Offers(Nobody()).offered(sent, "10.0.0.9") == "refused"
+    [record] = caplog.records
+    assert len(record.getMessage()) < 300
+
+
+@pytest.mark.parametrize("field", ["name", "namespace", "uid", "key"])
+def test_a_forged_offer_writes_no_line_of_its_own(
+    field: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    """`bagpipe logs` finds a case's lines by their form."""
+    caplog.set_level(logging.INFO)
+    line = "2026-11-26 03:00:00,000 bagpipe.driver.keep case night-0001: passed, attempts 1"
+    job: dict[str, object] = {"name": "two", "namespace": "lanes", "uid": "u", "attempt": 1}
+    where = f"x\n{line}\n" if field == "key" else field
+    body = json.dumps(job | {where: f"x\n{line}\n"}).encode()
+    assert Offers(Nobody()).offered(body, "10.0.0.9") == "refused"
+    assert [record.getMessage().count("\n") for record in caplog.records] == [0]
+
+
+def test_who_offers_without_end_writes_so_many_lines_a_minute(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    caplog.set_level(logging.INFO)
+    now = 0.0
+    offers = Offers(Nobody(), lambda: now)
+    for lines in (31, 62):
+        for _ in range(500):
+            assert offers.offered(b"[]", "10.0.0.9") == "refused"
+            assert offers.offered(description("two"), "10.0.0.9") == "refused"
+        assert len(caplog.records) == lines
+        now += 60.0
+
+
+async def test_a_job_that_this_driver_can_not_read_is_refused_for_ever_in_a_short_line(
+    pod: Pod, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Its operator is of another version, and makes other pods for it."""
+    pod.thread.start()
+    pod.waits("one")
+    job = json.loads(description("two"))
+    job["spec"]["source"]["bags"] = [1] * 10_000
+    body = json.dumps(job).encode()
+    pod.claims_it("two", body)
+    assert await offered(pod, body) == "refused"
+    [message] = [r.getMessage() for r in caplog.records if r.levelno == logging.WARNING]
+    assert "can't be read" in message
+    assert "\n" not in message
+    assert len(message) < 600
+    pod.claims_it("two", description("two"))
+    assert await offered(pod, description("two")) == "refused"
 
 
 async def test_a_driver_whose_job_failed_ends(pod: Pod) -> None:

@@ -9,11 +9,12 @@ from typing import NamedTuple
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from bagpipe.driver.seat import Claimed, Offer, Seat
+from bagpipe.driver.seat import Claimed, Seat
 from bagpipe_operator.jobs.claim import Claim
 from bagpipe_operator.jobs.pools.handover import Act, Received, step
 from bagpipe_operator.jobs.pools.warm import Cold, Pooling, WarmDriver, Wish, chosen
 from tests.unit.bagpipe.jobs import make_job
+from tests.unit.bagpipe.offers import offer_of
 from tests.unit.operator.builders import START
 
 OVER = {"cold", "replaced", "ended"}
@@ -104,7 +105,7 @@ class World:
         if not driver.alive:
             return "gone"
         wanted = BASE.model_copy(update={"name": job, "uid": f"uid-{job}"})
-        answer = driver.seat.offer(Offer(wanted, "digest"))
+        answer = driver.seat.offer(offer_of(wanted))
         if answer == "unknown":
             return "silent"
         if answer == "taken" and driver.holds != job:

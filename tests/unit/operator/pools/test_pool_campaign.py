@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from bagpipe.driver.own_claim import _claim_in
-from bagpipe.driver.seat import Claimed, Offer, Seat
+from bagpipe.driver.seat import Claimed, Seat
 from bagpipe.spec import JobFile
 from bagpipe_operator.api import names
 from bagpipe_operator.api.objects import Json
@@ -25,6 +25,7 @@ from bagpipe_operator.jobs.pools.handover import Received
 from bagpipe_operator.jobs.reconcile import Reconciler
 from bagpipe_operator.jobs.view import JobView, PodView, View
 from bagpipe_operator.settings import Settings
+from tests.unit.bagpipe.offers import offer_of
 from tests.unit.operator.builders import Clock, JobBuilder, account, make_job
 from tests.unit.operator.fakes import FakeApi
 
@@ -141,7 +142,7 @@ class World:
         if driver is None or not driver.waits:
             return "silent"
         job = JobFile.model_validate_json(description)
-        given = driver.seat.offer(Offer(job, hashlib.sha256(description).hexdigest()))
+        given = driver.seat.offer(offer_of(job, hashlib.sha256(description).hexdigest()))
         if given == "taken" and driver.holds != (job.uid, job.attempt):
             assert driver.holds is None, f"{driver.pod} had {driver.holds} and took {job.uid}"
             self.handed_over += 1
@@ -189,7 +190,7 @@ class World:
                 key = labels[names.LABEL_JOB_UID], int(labels[names.LABEL_ATTEMPT])
                 seat = Seat(uid, "lanes", 60.0, self.look_up, lambda: self.clock.seconds)
                 waits = names.ANNOTATION_SHAPE in pod["metadata"].get("annotations", {})
-                seat._current = Offer(_Held(*key), "")  # type: ignore[arg-type]
+                seat._current = _Held(*key)  # type: ignore[assignment]
                 self.drivers[uid] = Driver(name, uid, ip, waits, seat, key, key)
 
     def patch(self, obj: Json, **status: Any) -> None:

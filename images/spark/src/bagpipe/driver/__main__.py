@@ -1,7 +1,6 @@
 """`python -m bagpipe.driver --job /etc/bagpipe/job.json`: the driver pod's only process."""
 
 import argparse
-import hashlib
 import json
 import logging
 import os
@@ -12,7 +11,6 @@ from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from pathlib import Path
 
-from pydantic import ValidationError
 from pyspark import SparkConf, SparkContext
 
 from bagpipe.driver.cases_on_spark import run_cases
@@ -21,14 +19,14 @@ from bagpipe.driver.job import Interruption, Place, ended, job_of, run
 from bagpipe.driver.keep import Keeper
 from bagpipe.driver.kept_spark import KeptSpark, Settings
 from bagpipe.driver.metrics import DriverMetrics
+from bagpipe.driver.offers import Offers
 from bagpipe.driver.own_claim import StillClaimed, claim_of
 from bagpipe.driver.own_pods import Looking, pods_of
 from bagpipe.driver.progress import Progress
 from bagpipe.driver.progress_server import Account, serve_progress
 from bagpipe.driver.results import results_uri
-from bagpipe.driver.seat import Offer, Seat
+from bagpipe.driver.seat import Seat
 from bagpipe.driver.spark_context import CLASS_ARCHIVE, DriverPod, spark_settings
-from bagpipe.installed import InstallationError
 from bagpipe.plan.case import Case
 from bagpipe.run.case_run import RunContext
 from bagpipe.spec import JobFile
@@ -80,7 +78,7 @@ class Driver:
         self._metrics = DriverMetrics(progress, job)
         self.account = Account(progress, self._metrics.registry)
         if self.waits:
-            self.account.offered = self._offered
+            self.account.offered = Offers(self._seat).offered
 
     @property
     def waits(self) -> bool:
@@ -93,17 +91,6 @@ class Driver:
             work_in_turn(self._seat, self._work_on, self.interruption, self._leave)
         finally:
             self._spark.end()
-
-    def _offered(self, description: bytes) -> str:
-        """Whether this driver runs the job of that job.json."""
-        try:
-            job = JobFile.model_validate_json(description)
-        except (ValidationError, InstallationError) as error:
-            log.warning("what was offered is no job: %s", error)
-            return "refused"
-        answer = self._seat.offer(Offer(job, hashlib.sha256(description).hexdigest()))
-        log.info("job %s/%s was offered: %s", job.namespace, job.name, answer)
-        return answer
 
     def _work_on(self, job: JobFile) -> bool:
         """Bring a job to its end; whether the driver may take another one."""

@@ -24,8 +24,8 @@ class Account:
 
     progress: Progress
     registry: CollectorRegistry
-    offered: Callable[[bytes], str] | None = None
-    """Answers a job.json, in a driver that takes further jobs."""
+    offered: Callable[[bytes, str], str] | None = None
+    """Answers a job.json and the address that it came from, in a driver that takes further jobs."""
 
 
 def serve_progress(account: Account, address: str, port: int) -> ThreadingHTTPServer:
@@ -60,7 +60,8 @@ class _Handler(BaseHTTPRequestHandler):
         elif (body := self._body(int(length))) is None:
             self.close_connection = True
         else:
-            self._answer("text/plain", self.served.offered(body).encode())
+            answer = self.served.offered(body, self.client_address[0])
+            self._answer("text/plain", answer.encode())
 
     def _body(self, length: int) -> bytes | None:
         """The request's body; None where it does not come in time."""

@@ -10,10 +10,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
+from bagpipe.driver.turns import Turns
 from bagpipe.spec import JobFile
 
 # What is remembered of offers; a driver that has met more takes no other and ends.
 MOST_MET = 1_000
+# Together with a look-up less than the operator waits for an answer.
+_TURN_SECONDS = 0.3
 # SIGTERM's handler may not wake who waits, which looks by itself so often.
 _LOOK_SECONDS = 0.5
 
@@ -22,16 +25,25 @@ Answer = Literal["taken", "ended", "refused", "unknown"]
 
 @dataclass(frozen=True)
 class Offer:
-    """A job for this driver."""
+    """A job for this driver, as whoever sends it says."""
 
-    job: JobFile
+    namespace: str
+    name: str
+    uid: str
+    attempt: int
     digest: str
     """SHA-256 of job.json as it came, in hexadecimal digits."""
+
+    read: Callable[[], JobFile | None]
+    """The whole of it, or None where it can't be read: asked of what claims this driver alone."""
+
+    sender: str = ""
+    """The address that it came from."""
 
     @property
     def key(self) -> tuple[str, int]:
         """Which job, and which of its attempts."""
-        return self.job.uid, self.job.attempt
+        return self.uid, self.attempt
 
 
 @dataclass(frozen=True)
@@ -65,19 +77,19 @@ class Seat:
         self._look_up = look_up
         self._monotonic = monotonic
         self._changed = threading.Condition()
-        self._looking_up = threading.Semaphore()
+        self._looking_up = Turns(_TURN_SECONDS)
         self._closing = False
         self._met: set[tuple[str, int]] = set()
         self._ended: set[tuple[str, int]] = set()
-        self._current: Offer | None = None
+        self._current: JobFile | None = None
         self._closed = False
         self._until = monotonic() + idle_seconds
 
     def begin(self, job: JobFile) -> None:
         """The job that the driver's pod was made for, which needs no claim."""
         with self._changed:
-            self._current = Offer(job, "")
-            self._met.add(self._current.key)
+            self._current = job
+            self._met.add(_key(job))
 
     def offer(self, offer: Offer) -> Answer:
         """Whether the driver runs the job, or has run it; `unknown` may be asked again.
@@ -92,8 +104,9 @@ class Seat:
         ours = self._looked_up(offer)
         if ours is None:
             return "unknown"
+        job = offer.read() if ours else None
         with self._changed:
-            return self._known(offer) or self._seated(offer, ours)
+            return self._known(offer) or self._seated(offer, ours, job)
 
     def close(self) -> None:
         """No further job is taken. For a signal's handler: it takes no lock."""
@@ -101,7 +114,7 @@ class Seat:
 
     def _known(self, offer: Offer) -> Answer | None:
         """What the answer is without a look-up."""
-        if self._current is not None and self._current.key == offer.key:
+        if self._current is not None and _key(self._current) == offer.key:
             return "taken"
         if offer.key in self._ended:
             return "ended"
@@ -112,24 +125,24 @@ class Seat:
     def _looked_up(self, offer: Offer) -> bool | None:
         """Whether the job claims this driver; None where that is not known now.
 
-        One at a time, and without the lock: who sends many delays neither the work nor its end.
+        One at a time, and without the lock: who sends many delays neither the work nor its end,
+        nor what comes from other addresses by more than a look-up for each sender.
         """
-        if not self._looking_up.acquire(blocking=False):
-            return None
-        try:
-            return self._is_ours(offer)
-        except OSError:
-            return None
-        finally:
-            self._looking_up.release()
+        with self._looking_up.taken(offer.sender) as has_turn:
+            if not has_turn:
+                return None
+            try:
+                return self._is_ours(offer)
+            except OSError:
+                return None
 
-    def _seated(self, offer: Offer, ours: bool) -> Answer:
+    def _seated(self, offer: Offer, ours: bool, job: JobFile | None) -> Answer:
         if not ours:
             return "refused"
         self._met.add(offer.key)
-        if not self._is_free():
+        if job is None or not self._is_free():
             return "refused"
-        self._current = offer
+        self._current = job
         self._changed.notify_all()
         return "taken"
 
@@ -142,13 +155,13 @@ class Seat:
                     self._closed = True
                 else:
                     self._changed.wait(min(left, _LOOK_SECONDS))
-            return self._current.job if self._current is not None else None
+            return self._current
 
     def leave(self, stays: bool) -> None:
         """The job has ended; `stays` where nothing of it can reach the next one."""
         with self._changed:
             if self._current is not None:
-                self._ended.add(self._current.key)
+                self._ended.add(_key(self._current))
             self._current = None
             self._closed = self._closed or not stays
             self._until = self._monotonic() + self._idle_seconds
@@ -158,8 +171,11 @@ class Seat:
         return self._current is None and self._monotonic() < self._until
 
     def _is_ours(self, offer: Offer) -> bool:
-        job = offer.job
-        if job.namespace != self._namespace:
+        if offer.namespace != self._namespace:
             return False
-        wanted = Claimed(job.uid, job.attempt, self._driver, offer.digest)
-        return self._look_up(job.name) == wanted
+        wanted = Claimed(offer.uid, offer.attempt, self._driver, offer.digest)
+        return self._look_up(offer.name) == wanted
+
+
+def _key(job: JobFile) -> tuple[str, int]:
+    return job.uid, job.attempt
