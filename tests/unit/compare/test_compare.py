@@ -73,6 +73,29 @@ def test_new_cases_that_fail_and_criteria_that_are_gone_are_mentioned() -> None:
     assert (found.verdict, found.message) == ("same", sentence)
 
 
+@pytest.mark.parametrize(
+    ("before", "now", "gone"),
+    [
+        (["CPUs", "CPUs"], ["B", "B"], "usage (CPUs)"),
+        (["CPUs", "B"], ["B", "B"], "usage (CPUs)"),
+        (["B", "B"], ["CPUs", "B"], ""),
+        (["CPUs", "CPUs"], ["CPUs"], ""),
+        (["CPUs"], [""], "usage (CPUs)"),
+    ],
+)
+def test_a_bound_that_decides_no_case_any_more_is_mentioned(
+    before: list[str], now: list[str], gone: str
+) -> None:
+    def rows(variant: str, units: list[str]) -> list[dict[str, Any]]:
+        finding = {"name": "usage", "outcome": "passed", "figure": 1.0, "direction": "lower"}
+        return [
+            row(n, variant, criteria=[finding | {"unit": unit}]) for n, unit in enumerate(units)
+        ]
+
+    message = only(rows("released", before) + rows("pr-812", now)).message
+    assert message.partition("measured no more: ")[2] == gone
+
+
 def test_a_case_of_the_same_name_that_was_played_from_another_recording_is_mentioned() -> None:
     earlier = [row(n, "", bag=f"s3://fleet/monday/{n}.bag") for n in range(3)]
     now = [row(n, "", bag=f"s3://fleet/{'monday' if n else 'tuesday'}/{n}.bag") for n in range(3)]

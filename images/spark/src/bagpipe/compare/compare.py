@@ -9,7 +9,7 @@ from bagpipe.compare.changes import Change, changes
 from bagpipe.compare.changes import Word as ChangeWord
 from bagpipe.compare.criteria import CriterionComparison, Word, compared
 from bagpipe.compare.delivery import FIGURES
-from bagpipe.compare.pairing import ROUNDS, Rounds, Row, Series, Versions
+from bagpipe.compare.pairing import ROUNDS, Rounds, Row, Series, Versions, titles
 from bagpipe.row_facts import Key
 
 # How many cases are named; the results have all.
@@ -100,7 +100,7 @@ def _compared(
     verdict, message = _verdict(counts, became, criteria)
     fails = sum(variant[key].worst != "passed" for key in variant.keys() - found.keys())
     message += f" ({fails} not passed)" if fails else ""
-    unmeasured = _unmeasured(baseline, variant)
+    unmeasured = _unmeasured(baseline, variant, titles(directions))
     message += f"; {len(hidden)} worse in quarantine" if hidden else ""
     message += f"; measured no more: {', '.join(unmeasured)}" if unmeasured else ""
     other = sum(before.recording != after.recording for before, after in pairs.values())
@@ -122,18 +122,24 @@ def _regressed(found: Mapping[Key, Change], variant: Mapping[Key, Rounds]) -> li
     ]
 
 
-def _unmeasured(baseline: Mapping[Key, Rounds], variant: Mapping[Key, Rounds]) -> list[str]:
-    """Criteria of which the variant has not one figure: nothing would say that they are gone."""
+def _unmeasured(
+    baseline: Mapping[Key, Rounds], variant: Mapping[Key, Rounds], called: Mapping[Series, str]
+) -> list[str]:
+    """Figures of which the variant has not one: nothing would say that they are gone.
+
+    One of several bounds may be gone alone, as where another one decides every case now.
+    """
     before, now = (
         {
-            key[0]
+            series
             for rounds in version.values()
-            for key, figures in rounds.figures.items()
+            for series, figures in rounds.figures.items()
             if figures
         }
         for version in (baseline, variant)
     )
-    return sorted(before - now - FIGURES.keys()) if now else []
+    gone = (series for series in before - now if series[0] not in FIGURES)
+    return sorted(called[series] for series in gone) if now else []
 
 
 def _says_something(one: CriterionComparison) -> bool:

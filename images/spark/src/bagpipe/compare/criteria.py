@@ -6,7 +6,7 @@ that may find something, 4 go to `worse`, which a gate is for, and 1 to `better`
 """
 
 import math
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from statistics import fmean
@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 
 from bagpipe.compare.correction import family_size, holm
-from bagpipe.compare.pairing import Rounds, Series
+from bagpipe.compare.pairing import Rounds, Series, titles
 from bagpipe.compare.sign_flips import Figures, SignFlips
 from bagpipe.row_facts import Key
 
@@ -118,12 +118,9 @@ def compared(
     directions: Mapping[Series, str], pairs: Mapping[Key, tuple[Rounds, Rounds]]
 ) -> list[CriterionComparison]:
     """Every figure that has a better direction, each corrected for the others."""
-    both, units = list(pairs.values()), Counter(name for name, _ in directions)
+    both, called = list(pairs.values()), titles(directions)
     return judged(
-        [
-            measured(name if units[name] == 1 else f"{name} ({unit})", (name, unit), better, both)
-            for (name, unit), better in directions.items()
-        ]
+        [measured(called[series], series, better, both) for series, better in directions.items()]
     )
 
 

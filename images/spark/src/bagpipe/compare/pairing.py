@@ -115,6 +115,13 @@ class Versions:
         return found
 
 
+def titles(series: Iterable[Series]) -> dict[Series, str]:
+    """What each is called: its criterion's name, with the unit where that one has several."""
+    found = list(series)
+    units = Counter(name for name, _ in found)
+    return {(name, unit): name if units[name] == 1 else f"{name} ({unit})" for name, unit in found}
+
+
 def _series(finding: Mapping[str, Any]) -> Series:
     return finding["name"], str(finding.get("unit") or "")
 
