@@ -40,6 +40,23 @@ def test_bagpipe_compare_notices_lines_that_the_manifest_has_and_the_file_lacks(
     assert [each for one in found for each in objections(one)], found[0]["message"]
 
 
+def test_lines_that_the_manifest_lacks_are_those_of_another_run(tmp_path: Path) -> None:
+    before = publish(tmp_path, [row(n) for n in range(3)], uid="before")
+    with (before / "results.jsonl").open("a") as file:
+        file.write(json.dumps(row(3)) + "\n")
+    with pytest.raises(StorageError, match="has 4 lines, and its manifest 3 cases"):
+        check_baseline(f"file://{before}", Storage({}))
+
+
+@pytest.mark.parametrize("lacks", ["before", "after"])
+def test_bagpipe_compare_refuses_lines_whose_job_has_not_ended(tmp_path: Path, lacks: str) -> None:
+    folders = {uid: publish(tmp_path, [row(0)], uid=uid) for uid in ("before", "after")}
+    (folders[lacks] / "manifest.json").unlink()
+    stored = [StoredResults(f"file://{folder}", Storage({})) for folder in folders.values()]
+    with pytest.raises(StorageError, match=f"{lacks}/manifest.json"):
+        compared(*stored)
+
+
 def test_a_job_refuses_a_baseline_that_is_cut_off(tmp_path: Path) -> None:
     before = publish(tmp_path, [row(n) for n in range(10)], uid="before")
     cut(before, 1)

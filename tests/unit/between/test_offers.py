@@ -135,6 +135,21 @@ def test_a_driver_ends_when_its_job_no_longer_claims_it(then: Claimed | None) ->
     assert answers == []
 
 
+def test_a_job_that_ends_while_its_claim_is_looked_up_is_not_interrupted() -> None:
+    """It may be deleted by then: its own end is no reason to end the driver."""
+    asked, interrupted = threading.Event(), threading.Event()
+
+    def look_up(_name: str) -> None:
+        asked.set()
+        wait_until(lambda: looking.is_over, PATIENCE, "the job's end")
+
+    job = job_of_the_driver({}).model_copy(update={"uid": "u", "attempt": 1})
+    looking = own_claim.StillClaimed(job, POD, look_up, interrupted.set, every_seconds=0.01)
+    with looking:
+        assert asked.wait(PATIENCE)
+    assert not interrupted.is_set()
+
+
 def test_a_driver_whose_job_claims_it_goes_on() -> None:
     looks: list[str] = []
     enough = threading.Event()

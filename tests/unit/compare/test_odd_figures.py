@@ -31,6 +31,13 @@ def test_one_recording_in_which_nothing_ever_comes_near_blinds_no_criterion() ->
     assert verdict([*before, INFINITE], [*after, INFINITE], "higher") == "worse"
 
 
+def test_what_is_infinite_where_all_else_is_nought_differs_from_it() -> None:
+    noughts = [0.0] * 12
+    assert verdict(noughts, [INFINITE] * 12, "lower") == "worse"
+    assert verdict([INFINITE] * 12, noughts, "lower") == "better"
+    assert verdict(noughts, noughts, "lower") == "same"
+
+
 def test_a_recording_that_got_much_worse_makes_no_version_less_worse() -> None:
     """An error of millimetres everywhere, and one filter that diverges."""
     before = [0.010, 0.011, 0.012, 0.013, 0.014]
@@ -60,6 +67,8 @@ def test_a_version_that_mends_its_cpu_is_not_worse() -> None:
     [found] = compare(made, ["released", "pr-812"])
     assert found.counts["fixed"] == 6
     assert found.verdict == "better", found.message
+    names = [one.name for one in found.criteria if one.name.startswith("use")]
+    assert names == ["use (CPUs)", "use (bytes)"]
 
 
 def test_executors_that_were_taken_away_make_no_version_worse() -> None:

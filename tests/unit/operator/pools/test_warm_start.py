@@ -5,6 +5,7 @@ import contextlib
 import json
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import pytest
 
@@ -22,6 +23,7 @@ from bagpipe_operator.schedules.view import ScheduledJob
 from bagpipe_operator.settings import Settings
 from tests.unit.operator.builders import account, make_job
 from tests.unit.operator.pools.pool_world import DRIVER, POOLS, World, pooled
+from tests.waiting import PATIENCE
 
 
 async def test_the_first_job_of_a_pool_has_pods_of_its_own_which_wait() -> None:
@@ -446,7 +448,9 @@ async def test_a_halt_is_complete_only_once_the_driver_that_was_asked_is_gone() 
     assert world.reason("two", "Suspended").startswith("True/")
 
 
-async def test_two_jobs_that_are_looked_at_together_choose_two_drivers() -> None:
+async def test_two_jobs_that_are_looked_at_together_choose_two_drivers(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     world = World(*(pooled(name) for name in ("one", "six")))
     for name in ("one", "six"):
         await world.visit(name, after=1)
@@ -458,9 +462,34 @@ async def test_two_jobs_that_are_looked_at_together_choose_two_drivers() -> None
     world.offers.answers = ["silent"]
     for name in ("two", "three"):
         world.create(pooled(name))
+    chosen, both_have_chosen = 0, asyncio.Event()
+    written = world.api.patch_status
+
+    async def later(*given: Any, **more: Any) -> Any:
+        nonlocal chosen
+        chosen += 1
+        if chosen == 2:
+            both_have_chosen.set()
+        async with asyncio.timeout(PATIENCE):
+            await both_have_chosen.wait()
+        return await written(*given, **more)
+
+    monkeypatch.setattr(world.api, "patch_status", later)
     await asyncio.gather(world.visit("two"), world.visit("three"))
-    pods = [world.status(name)["pool"]["pod"] for name in ("two", "three")]
-    assert sorted(pods) == ["one-1-driver", "six-1-driver"]
+    pods = [world.status(name)["pool"].get("pod") for name in ("two", "three")]
+    assert sorted(map(str, pods)) == ["one-1-driver", "six-1-driver"]
+
+
+async def test_a_job_whose_claim_could_not_be_written_claims_the_same_driver_again() -> None:
+    world = World(pooled("one"))
+    await world.run_the_first()
+    world.create(pooled("two"))
+    world.api.fail("patch status", ApiError(500, "InternalError", "not now"))
+    with pytest.raises(ApiError):
+        await world.visit("two", after=1)
+    assert "pool" not in world.status("two")
+    await world.visit("two", after=1)
+    assert world.status("two")["pool"]["state"] == "Taken"
 
 
 async def test_a_driver_that_was_chosen_for_a_job_that_is_gone_is_there_for_the_next() -> None:
