@@ -3,18 +3,56 @@
 from collections.abc import Iterable
 from pathlib import Path
 
+import numpy as np
 from mcap.writer import CompressionType, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from tests.ros2_recording import BEGIN, QOS
 
 _STORE = get_typestore(Stores.ROS2_HUMBLE)
-TEXT = "std_msgs/msg/String"
+TEXT, SCAN = "std_msgs/msg/String", "sensor_msgs/msg/LaserScan"
 
 
 def text(data: str) -> bytes:
     """A message of std_msgs/msg/String."""
     return bytes(_STORE.serialize_cdr(_STORE.types[TEXT](data=data), TEXT))
+
+
+def scan(time: int, metres: float) -> bytes:
+    """A sensor_msgs/msg/LaserScan of a wall all around, stamped with a time in ns."""
+    types = _STORE.types
+    stamp = types["builtin_interfaces/msg/Time"](*divmod(time, 10**9))
+    message = types[SCAN](
+        header=types["std_msgs/msg/Header"](stamp=stamp, frame_id="base_scan"),
+        angle_min=0.0,
+        angle_max=6.28,
+        angle_increment=0.0174,
+        time_increment=0.0,
+        scan_time=0.2,
+        range_min=0.12,
+        range_max=3.5,
+        ranges=np.full(360, metres, np.float32),
+        intensities=np.zeros(0, np.float32),
+    )
+    return bytes(_STORE.serialize_cdr(message, SCAN))
+
+
+def write_scans(path: Path, metres: Iterable[float], period: int = 200_000_000) -> Path:
+    """Scans on /scan, `period` ns after each other, each of a wall so many metres away."""
+    definition, _ = _STORE.generate_msgdef(SCAN, ros_version=2)
+    with path.open("wb") as stream:
+        writer = Writer(stream, compression=CompressionType.ZSTD)
+        writer.start(profile="ros2", library="tests")
+        schema = writer.register_schema(SCAN, "ros2msg", definition.encode())
+        # As a laser's driver offers them.
+        offered = QOS.replace("reliability: reliable", "reliability: best_effort")
+        metadata = {"offered_qos_profiles": offered}
+        channel = writer.register_channel("/scan", "cdr", schema, metadata=metadata)
+        for number, distance in enumerate(metres):
+            time = BEGIN + number * period
+            writer.add_message(channel, time, scan(time, distance), time, number)
+        writer.finish()
+    return path
 
 
 def write_texts(

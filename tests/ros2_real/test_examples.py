@@ -11,7 +11,7 @@ import yaml
 from bagpipe.spec import SimulationJobSpec
 from tests.ros2_real.jobs import Trial, ledger_of, passed
 from tests.ros2_real.place import ROOT, Place
-from tests.ros2_real.recordings import write_texts
+from tests.ros2_real.recordings import write_scans, write_texts
 
 EXAMPLES = ROOT / "docs/examples/ros2"
 JACKAL = ROOT.parent / "shared/data/jackal_bz2.bag"
@@ -39,6 +39,19 @@ def test_the_listener_receives_all_that_is_published(trial: Trial, place: Place)
     row = trial.run(SimulationJobSpec.model_validate(fields))
     assert passed(row), row
     assert ledger_of(row) == (200, 200, 0, "called")
+
+
+def test_a_turtlebot_stands_before_the_wall_twice_alike(trial: Trial, place: Place) -> None:
+    fields = example(trial, place, "turtlebot.yaml", "turtlebot3_example")
+    # Ten seconds at 0.25 m/s towards a wall that is 2 m away: half a metre is left after six.
+    write_scans(recording(trial, "corridor/corridor.mcap"), (2 - n / 20 for n in range(51)))
+    digests = set()
+    for _ in range(2):
+        row = trial.run(SimulationJobSpec.model_validate(fields))
+        assert passed(row), row
+        assert ledger_of(row)[:3] == (51, 51, 0)
+        digests.add(trial.digest(row))
+    assert len(digests) == 1
 
 
 def test_robot_localization_ends_where_its_authors_say_and_twice_alike(
