@@ -164,10 +164,9 @@ def test_the_stack_runs_the_agent_in_the_user_s_image() -> None:
         AGENT, "serve", "--shared", "/bagpipe/shared", "--slots", "4", "--metrics", "0.0.0.0:9811",
     ]  # fmt: skip
     assert stack["ports"] == [{"name": "metrics", "containerPort": 9811}]
-    assert stack["startupProbe"]["exec"]["command"] == [
-        AGENT, "ready", "--shared", "/bagpipe/shared",
+    assert stack["lifecycle"]["postStart"]["exec"]["command"] == [
+        AGENT, "ready", "--shared", "/bagpipe/shared", "--wait", "120",
     ]  # fmt: skip
-    assert stack["startupProbe"]["periodSeconds"] == 1
     assert stack["resources"] == {"limits": {"memory": "2Gi"}}
     assert [m["mountPath"] for m in stack["volumeMounts"]] == [
         "/bagpipe/shared", "/tmp", "/bagpipe/home",
@@ -201,12 +200,12 @@ def test_each_image_of_the_variants_is_a_container_with_slots_of_its_own() -> No
     first, second = inits[1], inits[2]
     assert second["image"] == "r/lane:pr-812"
     assert second["command"][1:4] == ["serve", "--shared", "/bagpipe/shared/image-1"]
-    probe = second["startupProbe"]["exec"]["command"]
-    assert probe == [AGENT, "ready", "--shared", "/bagpipe/shared/image-1"]
+    hook = second["lifecycle"]["postStart"]["exec"]["command"]
+    assert hook[1:4] == ["ready", "--shared", "/bagpipe/shared/image-1"]
     # They share the pod's address.
     assert second["command"][-2:] == ["--metrics", "0.0.0.0:9812"]
     assert second["ports"] == [{"name": "metrics-1", "containerPort": 9812}]
-    own = ("name", "image", "command", "startupProbe", "ports")
+    own = ("name", "image", "command", "lifecycle", "ports")
     assert {k: v for k, v in first.items() if k not in own} == {
         k: v for k, v in second.items() if k not in own
     }

@@ -1,6 +1,7 @@
 //! The command line, and the help that teaches it.
 
 use std::path::PathBuf;
+use std::time::Duration;
 
 use clap::{Parser, Subcommand};
 
@@ -9,6 +10,7 @@ use crate::serve::options::ServeOptions;
 use crate::verbs::bagfile::Memory;
 use crate::verbs::check;
 use crate::verbs::convert;
+use crate::verbs::graph_options::seconds;
 use crate::verbs::merge;
 use crate::verbs::play::PlayOptions;
 use crate::verbs::record::RecordOptions;
@@ -22,7 +24,7 @@ use crate::verbs::slice;
     version,
     after_help = "The way of a case:\n  \
         1. An init container runs `install`, which puts this binary onto a shared volume.\n  \
-        2. The user's own image runs `serve` from there; `ready` is its startup probe.\n  \
+        2. The user's own image runs `serve` from there; `ready --wait` is its postStart hook.\n  \
         3. A Spark worker writes a bag and a case into slots/N/to-agent; the agent\n     \
            serves a ROS master, starts the user's command, plays, records, proves the\n     \
            delivery and answers through slots/N/from-agent.\n\n\
@@ -46,11 +48,14 @@ pub enum Verb {
     },
     /// Make the slots' pipes and run the cases that come through them, until SIGTERM.
     Serve(ServeOptions),
-    /// Exit 0 when `serve` has made all pipes and listens to them (a startup probe).
+    /// Exit 0 when `serve` has made all pipes and listens to them (a container's postStart hook).
     Ready {
         /// The shared volume.
         #[arg(long, value_name = "DIR")]
         shared: PathBuf,
+        /// For how long to wait for it at most.
+        #[arg(long, value_name = "SECONDS", default_value = "0", value_parser = seconds)]
+        wait: Duration,
     },
     /// Show what is in a recording: times, topics, types, counts, and damage.
     Info {

@@ -24,7 +24,7 @@ fn main() -> ExitCode {
     let outcome = match cli::Cli::parse().verb {
         cli::Verb::Install { directory } => install::install(&directory),
         cli::Verb::Serve(options) => serve::serve(&options),
-        cli::Verb::Ready { shared } => layout::Shared::new(&shared).check_ready(),
+        cli::Verb::Ready { shared, wait } => layout::Shared::new(&shared).await_ready(wait),
         cli::Verb::Info { file, memory } => info::info(&file, memory),
         cli::Verb::Play(options) => play::play(&options),
         cli::Verb::Record(options) => record::record(&options),

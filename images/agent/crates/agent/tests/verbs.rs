@@ -5,6 +5,7 @@ mod worker;
 
 use std::os::unix::fs::PermissionsExt;
 use std::process::{Command, Output};
+use std::time::{Duration, Instant};
 
 use worker::bags::{old_format, unindexed};
 
@@ -45,6 +46,16 @@ fn ready_says_what_is_missing() {
 }
 
 #[test]
+fn ready_waits_as_long_as_it_may() {
+    let folder = tempfile::tempdir().unwrap();
+    let begun = Instant::now();
+    let output = agent(&["ready", "--shared", folder.path().to_str().unwrap(), "--wait", "0.2"]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(begun.elapsed() >= Duration::from_millis(200), "{:?}", begun.elapsed());
+    assert!(String::from_utf8(output.stderr).unwrap().contains("not serving yet"));
+}
+
+#[test]
 fn info_shows_a_bag_and_its_damage() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("chatter.bag");
@@ -70,7 +81,7 @@ fn help_teaches_the_way_of_a_case() {
     {
         assert!(text.contains(word), "{word} is not in:\n{text}");
     }
-    for word in ["startup probe", "python3-rosmaster"] {
+    for word in ["postStart hook", "python3-rosmaster"] {
         assert!(text.contains(word), "{word} is not in:\n{text}");
     }
     assert!(!text.contains("slot process"));

@@ -6,7 +6,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -127,13 +126,12 @@ def _serving(agent: str, shared: Path, log: Path, slots: int, port: int) -> Iter
 
 def _await_ready(agent: str, shared: Path, process: "subprocess.Popen[bytes]", log: Path) -> None:
     deadline = time.monotonic() + _READY_SECONDS
-    pause = threading.Event()
-    ready = [agent, "ready", "--shared", str(shared)]
+    # It looks every few milliseconds by itself; in between it is seen whether the agent has ended.
+    ready = [agent, "ready", "--shared", str(shared), "--wait", "1"]
     while subprocess.run(ready, capture_output=True, check=False, timeout=10).returncode:
         if process.poll() is not None or time.monotonic() > deadline:
             last = log.read_text(errors="replace").strip().splitlines()[-5:]
             raise ReplayError(f"the agent did not start; it wrote: {' '.join(last) or 'nothing'}")
-        pause.wait(0.05)
 
 
 def own_environment() -> dict[str, str]:

@@ -25,7 +25,7 @@ AGENT = f"{names.SHARED_PATH}/bin/bagpipe-agent"
 SHARED_SIZE = "64Mi"
 
 # Making the FIFOs takes milliseconds; two minutes allow for a node that is very busy.
-PROBE_LIMIT = 120
+READY_SECONDS = 120
 
 _SHARED_MOUNT: Json = {"name": "shared", "mountPath": names.SHARED_PATH}
 
@@ -144,11 +144,13 @@ def _stack(spec: SimulationJobSpec, number: int, image: str, settings: Settings)
             "--metrics", f"0.0.0.0:{port}",
         ],
         "ports": [{"name": names.metrics_port_name(number), "containerPort": port}],
-        "startupProbe": {
-            "exec": {"command": [AGENT, "ready", "--shared", shared]},
-            "periodSeconds": 1,
-            "timeoutSeconds": 5,
-            "failureThreshold": PROBE_LIMIT,
+        # Spark starts when this has ended, as after a startup probe, which is asked once a second.
+        "lifecycle": {
+            "postStart": {
+                "exec": {
+                    "command": [AGENT, "ready", "--shared", shared, "--wait", str(READY_SECONDS)]
+                }
+            }
         },
         "env": _stack_env(spec),
         "envFrom": [pod_parts.plain(source) for source in stack.env_from],

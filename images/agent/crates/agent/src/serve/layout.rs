@@ -3,8 +3,13 @@
 use std::fs::{self, Permissions};
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
+use std::thread;
+use std::time::{Duration, Instant};
 
 use bagpipe_wire::fifo;
+
+/// Between two looks for slots that do not listen yet: they are made in milliseconds.
+const LOOK: Duration = Duration::from_millis(5);
 
 /// The shared volume.
 #[derive(Debug, Clone)]
@@ -36,8 +41,19 @@ impl Shared {
         fs::write(&serving, format!("{slots}\n")).map_err(|error| unwritable(&serving, &error))
     }
 
+    /// Fails unless every slot listens before so much time is over.
+    pub fn await_ready(&self, patience: Duration) -> Result<(), String> {
+        let began = Instant::now();
+        loop {
+            match self.check_ready() {
+                Err(_) if began.elapsed() < patience => thread::sleep(LOOK),
+                found => return found,
+            }
+        }
+    }
+
     /// Fails unless every slot listens.
-    pub fn check_ready(&self) -> Result<(), String> {
+    fn check_ready(&self) -> Result<(), String> {
         let serving = self.serving();
         let text = fs::read_to_string(&serving)
             .map_err(|error| format!("not serving yet: {} ({error})", serving.display()))?;

@@ -92,7 +92,7 @@ impl Agent {
             .stdin(Stdio::null());
         more(&mut command);
         let process = command.spawn().unwrap();
-        until("ready", Duration::from_secs(60), || is_ready(shared));
+        await_ready(shared);
         let ready_after = begun.elapsed();
         let mark = format!("bagpipe-test-{}", shared.file_name().unwrap().to_str().unwrap());
         Self { folder, process, ready_after, mark, master_port, number: Cell::new(0) }
@@ -435,13 +435,11 @@ pub fn free_ports(count: u32) -> u16 {
         .unwrap()
 }
 
-fn is_ready(shared: &Path) -> bool {
-    Command::new(env!("CARGO_BIN_EXE_bagpipe-agent"))
-        .arg("ready")
-        .arg("--shared")
+/// As a container's hook waits, which begins beside `serve`.
+fn await_ready(shared: &Path) {
+    let status = Command::new(env!("CARGO_BIN_EXE_bagpipe-agent"))
+        .args(["ready", "--wait", "60", "--shared"])
         .arg(shared)
-        .stderr(Stdio::null())
-        .status()
-        .unwrap()
-        .success()
+        .status();
+    assert!(status.unwrap().success());
 }
