@@ -77,7 +77,7 @@ fn bag(compression: Compression, messages: u64) -> Result<Vec<u8>, Box<dyn Error
             topic: topic.to_owned(),
             datatype: "std_msgs/String".to_owned(),
             md5sum: "992ce8a1687cec8c8bd883ec73ca41d1".to_owned(),
-            definition: "string data\n".to_owned(),
+            definition: "string data\n".into(),
             latching,
             ..Connection::default()
         });

@@ -37,7 +37,7 @@ fn chatter() -> Vec<u8> {
     let id = writer.add_connection(&Connection {
         topic: "/chatter".to_owned(),
         datatype: "std_msgs/msg/String".to_owned(),
-        definition: "string data\n".to_owned(),
+        definition: "string data\n".into(),
         message_encoding: MessageEncoding::Cdr,
         schema_encoding: SchemaEncoding::Ros2Msg,
         offered_qos: Some(QOS.to_owned()),

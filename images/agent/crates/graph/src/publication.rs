@@ -1,5 +1,6 @@
 //! An advertised topic and its subscribers.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 /// What a publisher says about its topic.
@@ -12,7 +13,7 @@ pub struct TopicInfo {
     /// MD5 sum of the message definition, 32 hex digits.
     pub md5sum: String,
     /// Full text of the message definition.
-    pub definition: String,
+    pub definition: Arc<str>,
     /// Whether late subscribers get the last message.
     pub latching: bool,
     /// The recorded publishers' quality of service, as ROS 2's recorder wrote it down (YAML).

@@ -1,5 +1,7 @@
 //! What a recording is made of, as its readers and writers see it.
 
+use std::sync::Arc;
+
 /// What a message's bytes are.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub enum MessageEncoding {
@@ -79,8 +81,8 @@ pub struct Connection {
     pub datatype: String,
     /// The type's MD5 sum, 32 hexadecimal digits; empty in ROS 2, which has none.
     pub md5sum: String,
-    /// The type's full definition.
-    pub definition: String,
+    /// The type's full definition, which all connections of the type may share.
+    pub definition: Arc<str>,
     /// The publishing node's name, where the recorder kept it.
     pub caller_id: Option<String>,
     /// True when the publisher latched its last message, which in ROS 2 is the durability

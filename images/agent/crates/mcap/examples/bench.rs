@@ -150,7 +150,7 @@ impl Case<'_> {
         let id = writer.add_connection(&Connection {
             topic: "/chatter".to_owned(),
             datatype: "std_msgs/String".to_owned(),
-            definition: "string data\n".to_owned(),
+            definition: "string data\n".into(),
             ..Connection::default()
         });
         for number in 0..self.count {

@@ -71,7 +71,7 @@ fn sample(compression: Compression, messages: u64) -> Vec<u8> {
         writer.add_connection(&Connection {
             topic: topic.to_owned(),
             datatype: "std_msgs/String".to_owned(),
-            definition: "string data\n".to_owned(),
+            definition: "string data\n".into(),
             ..Connection::default()
         })
     });

@@ -6,9 +6,10 @@ use bagpipe_log::{Place, Timeline};
 
 use crate::{Channel, Connection, Mcap, McapError, McapWriter, Schema, WriterOptions};
 
-/// What makes two channels the same: all but their numbers; and which one of those that are
-/// alike in one recording, since these are several publishers.
-type Key = (Option<(String, String, Vec<u8>)>, Channel, usize);
+/// What makes two channels the same: the type's place in what is written, and all but their
+/// numbers; and which one of those that are alike in one recording, since these are several
+/// publishers.
+type Key = (Option<usize>, Channel, usize);
 
 /// Writes messages of several recordings into one.
 pub(crate) struct Carrier {
@@ -30,22 +31,24 @@ impl Carrier {
     ) -> HashMap<u32, u32> {
         let schemas: HashMap<u16, &Schema> =
             recording.schemas().iter().map(|schema| (schema.id, schema)).collect();
+        let mut places: HashMap<u16, usize> = HashMap::new();
         let mut alike: HashMap<Key, usize> = HashMap::new();
         let mut ids = HashMap::new();
         for (channel, connection) in recording.channels().iter().zip(recording.connections()) {
             if !wanted(connection) {
                 continue;
             }
-            let schema = schemas.get(&channel.schema_id).copied();
-            let type_of =
-                |each: &Schema| (each.name.clone(), each.encoding.clone(), each.data.clone());
+            let writer = &mut self.writer;
+            let schema = schemas.get(&channel.schema_id).map(|schema| {
+                *places.entry(schema.id).or_insert_with(|| writer.add_schema(schema))
+            });
             let plain = Channel { id: 0, schema_id: 0, ..channel.clone() };
-            let mut key: Key = (schema.map(type_of), plain, 0);
+            let mut key: Key = (schema, plain, 0);
             let before = alike.entry(key.clone()).or_default();
             key.2 = *before;
             *before += 1;
-            let writer = &mut self.writer;
-            let id = *self.known.entry(key).or_insert_with(|| writer.add_channel(schema, channel));
+            let id =
+                *self.known.entry(key).or_insert_with(|| writer.add_channel_of(schema, channel));
             ids.insert(u32::from(channel.id), id);
         }
         ids

@@ -1,6 +1,7 @@
 //! Channels with their schemas as connections, and the way back.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use bagpipe_log::{Connection, MessageEncoding, SchemaEncoding, latched_depths};
 
@@ -23,24 +24,40 @@ impl Channel {
     }
 }
 
-/// The channel as whoever knows no format sees it. A definition that is no text loses what is
-/// none; [`crate::Mcap::schemas`] has it.
-pub(crate) fn connection(channel: &Channel, schema: Option<&Schema>) -> Connection {
+/// A type as whoever knows no format sees it. It is made once for all of its channels, of which a
+/// small file may have many.
+#[derive(Debug, Clone)]
+pub(crate) struct Type {
+    datatype: String,
+    definition: Arc<str>,
+    schema_encoding: SchemaEncoding,
+    /// Of the definition, where that is one of ROS 1.
+    md5sum: String,
+}
+
+impl Type {
+    /// That of a schema; without one it has no name. A definition that is no text loses what is
+    /// none; [`crate::Mcap::schemas`] has it.
+    pub fn of(schema: Option<&Schema>) -> Self {
+        let (datatype, encoding, data) = match schema {
+            Some(schema) => (schema.name.clone(), schema.encoding.as_str(), &*schema.data),
+            None => Default::default(),
+        };
+        let definition = String::from_utf8_lossy(data);
+        let schema_encoding = SchemaEncoding::from_name(encoding);
+        let md5sum = match schema_encoding {
+            SchemaEncoding::Ros1Msg => ros1_md5(&datatype, &definition).unwrap_or_default(),
+            _ => String::new(),
+        };
+        Self { datatype, definition: definition.into(), schema_encoding, md5sum }
+    }
+}
+
+/// The channel as whoever knows no format sees it.
+pub(crate) fn connection(channel: &Channel, of: &Type) -> Connection {
     let word = |key: &str| channel.metadata.get(key);
-    let (datatype, encoding, definition) = match schema {
-        Some(schema) => (
-            schema.name.clone(),
-            schema.encoding.as_str(),
-            String::from_utf8_lossy(&schema.data).into_owned(),
-        ),
-        None => Default::default(),
-    };
-    let schema_encoding = SchemaEncoding::from_name(encoding);
-    let md5sum = match (word(MD5SUM), &schema_encoding) {
-        (Some(sum), _) => sum.clone(),
-        (None, SchemaEncoding::Ros1Msg) => ros1_md5(&datatype, &definition).unwrap_or_default(),
-        (None, _) => String::new(),
-    };
+    let Type { datatype, definition, schema_encoding, md5sum } = of.clone();
+    let md5sum = word(MD5SUM).cloned().unwrap_or(md5sum);
     let offered_qos = word(QOS).cloned();
     Connection {
         id: u32::from(channel.id),
@@ -77,7 +94,7 @@ pub(crate) fn channel(connection: &Connection) -> (Option<Schema>, Channel) {
         id: 0,
         name: connection.datatype.clone(),
         encoding: connection.schema_encoding.name().to_owned(),
-        data: connection.definition.clone().into_bytes(),
+        data: connection.definition.as_bytes().to_vec(),
     };
     let named = !schema.name.is_empty() || !schema.data.is_empty();
     let channel = Channel {

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use bagpipe_log::Connection;
 
-use crate::connection::connection;
+use crate::connection::{Type, connection};
 use crate::loss::Tally;
 use crate::record::{Channel, Schema};
 use crate::walk::Declared;
@@ -79,6 +79,10 @@ impl Names {
 
     /// The channels as whoever knows no format sees them.
     pub fn connections(&self) -> Vec<Connection> {
-        self.channels.iter().map(|each| connection(each, self.schema(each.schema_id))).collect()
+        let types: Vec<Type> = self.schemas.iter().map(|each| Type::of(Some(each))).collect();
+        let untyped = Type::of(None);
+        let of = |schema: u16| self.schema_at.get(&schema).and_then(|at| types.get(*at));
+        let channels = self.channels.iter();
+        channels.map(|each| connection(each, of(each.schema_id).unwrap_or(&untyped))).collect()
     }
 }

@@ -23,6 +23,9 @@ pub(crate) const METADATA_INDEX: u8 = 0x0d;
 pub(crate) const SUMMARY_OFFSET: u8 = 0x0e;
 pub(crate) const DATA_END: u8 = 0x0f;
 
+/// Bytes of a type's name, which each of its channels has a copy of.
+const MOST_NAME: usize = 1024;
+
 /// What bytes should have been, and where in them.
 #[derive(Debug)]
 pub(crate) struct Defect {
@@ -167,9 +170,16 @@ pub struct Schema {
 impl Schema {
     pub(crate) fn read(bytes: &[u8], at: usize) -> Result<Self, Defect> {
         let mut fields = Fields::new(bytes, at);
+        let id = fields.u16("a schema's number")?;
+        let (name_at, name) = (fields.at, fields.text("a schema's name")?);
+        if name.len() > MOST_NAME {
+            let found = name.len();
+            let expected = format!("a schema's name of at most {MOST_NAME} bytes, found {found}");
+            return Err(Defect::new(name_at, expected));
+        }
         Ok(Self {
-            id: fields.u16("a schema's number")?,
-            name: fields.text("a schema's name")?.to_owned(),
+            id,
+            name: name.to_owned(),
             encoding: fields.text("a schema's encoding")?.to_owned(),
             data: fields.bytes("a schema's definition")?.to_vec(),
         })

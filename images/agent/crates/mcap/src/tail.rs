@@ -10,6 +10,7 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use bagpipe_log::{Index, Publisher, Reason, Refusal, Span};
 
 use crate::MAGIC;
+use crate::connection::{Type, connection};
 use crate::record::{
     ATTACHMENT_INDEX, CHANNEL, CHUNK_INDEX, Channel, Defect, FOOTER, Fields, HEAD, HEADER, Head,
     MESSAGE_INDEX, METADATA_INDEX, SCHEMA, STATISTICS, Schema,
@@ -288,10 +289,11 @@ impl Summary {
         let mut declarations = vec![(0, head_end)];
         in_places(schemas.values().map(|(_, place)| *place), &mut declarations);
         in_places(channels.values().map(|(_, place)| *place), &mut declarations);
-        let definitions: HashMap<u16, &Schema> =
-            schemas.iter().map(|(id, (schema, _))| (*id, schema)).collect();
+        let types: HashMap<u16, Type> =
+            schemas.iter().map(|(id, (schema, _))| (*id, Type::of(Some(schema)))).collect();
+        let untyped = Type::of(None);
         let connections = channels.values().map(|(channel, place)| {
-            publisher(channel, definitions.get(&channel.schema_id).copied(), *place)
+            publisher(channel, types.get(&channel.schema_id).unwrap_or(&untyped), *place)
         });
         let connections = connections.collect();
         Ok(Index { declarations, connections, chunks })
@@ -354,8 +356,8 @@ fn join(ranges: &mut Vec<Range>, (offset, length): Range) {
     }
 }
 
-fn publisher(channel: &Channel, schema: Option<&Schema>, (offset, length): Range) -> Publisher {
-    let connection = crate::connection::connection(channel, schema);
+fn publisher(channel: &Channel, of: &Type, (offset, length): Range) -> Publisher {
+    let connection = connection(channel, of);
     Publisher {
         id: connection.id,
         in_force: connection.in_force(),

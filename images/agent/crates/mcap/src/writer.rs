@@ -154,7 +154,13 @@ impl McapWriter {
     /// The same with all that a file may say of a channel. Numbers that it comes with are not
     /// kept.
     pub fn add_channel(&mut self, schema: Option<&Schema>, channel: &Channel) -> u32 {
-        let schema = schema.map(|schema| self.schema(schema));
+        let schema = schema.map(|schema| self.add_schema(schema));
+        self.add_channel_of(schema, channel)
+    }
+
+    /// The same with what [`McapWriter::add_schema`] returned of its type, so that this is looked
+    /// at once for many channels.
+    pub fn add_channel_of(&mut self, schema: Option<usize>, channel: &Channel) -> u32 {
         let id = self.channels.len() as u32 + 1;
         let number = |at: usize| u16::try_from(at + 1).unwrap_or(u16::MAX);
         let channel = Channel {
@@ -167,8 +173,9 @@ impl McapWriter {
         id
     }
 
-    /// The place of that schema, which is added if it is new.
-    fn schema(&mut self, schema: &Schema) -> usize {
+    /// The place of that schema, which is added if it is new. It is written with the first message
+    /// of a channel of it.
+    pub fn add_schema(&mut self, schema: &Schema) -> usize {
         let key = (schema.name.clone(), schema.encoding.clone(), schema.data.clone());
         let next = self.schemas.len();
         let at = *self.schema_at.entry(key).or_insert(next);

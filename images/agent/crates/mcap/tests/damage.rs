@@ -260,6 +260,21 @@ fn chunks_that_nobody_can_read_are_reported_and_the_rest_is_kept() {
 }
 
 #[test]
+fn the_channels_of_a_type_share_its_definition() {
+    let schema = |id: u8| {
+        record(3, &[&[id, 0][..], b"\x01\0\0\0X\x07\0\0\0ros2msg\x06\0\0\0int8 x"].concat())
+    };
+    let records = [vec![schema(1)], (1..=3).map(|id| a_channel(id, 1)).collect()].concat();
+    let found = Mcap::open(file(&records)).unwrap();
+    let [first, rest @ ..] = found.connections() else { panic!("none") };
+    assert_eq!((&*first.definition, rest.len()), ("int8 x", 2));
+    let same = |each: &bagpipe_mcap::Connection| {
+        std::sync::Arc::ptr_eq(&each.definition, &first.definition)
+    };
+    assert!(rest.iter().all(same));
+}
+
+#[test]
 fn what_is_no_mcap_file_is_refused_by_its_first_bytes() {
     for (bytes, expected) in [
         (

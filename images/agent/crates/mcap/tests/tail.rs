@@ -204,6 +204,25 @@ fn a_chunk_that_the_summary_leaves_out_is_missed_with_statistics_and_without() {
 }
 
 #[test]
+fn a_name_of_a_type_that_each_channel_would_have_a_copy_of_is_short() {
+    let named = |length: usize| {
+        let mut bytes = Cursor::new(Vec::new());
+        let mut writer = Writer::new(&mut bytes).unwrap();
+        let schema = writer.add_schema(&"x".repeat(length), "ros2msg", DEFINITION).unwrap();
+        let channel_id = writer.add_channel(schema, "/a", "cdr", &BTreeMap::new()).unwrap();
+        let header = MessageHeader { channel_id, sequence: 0, log_time: 1, publish_time: 1 };
+        writer.write_to_known_channel(&header, b"x").unwrap();
+        writer.finish().unwrap();
+        drop(writer);
+        bytes.into_inner()
+    };
+    assert!(read(&named(1024)).is_ok());
+    let (reason, sentence) = refusal(&named(1025));
+    assert_eq!(reason, Reason::Unreadable);
+    assert!(sentence.contains("a schema's name of at most 1024 bytes, found 1025"), "{sentence}");
+}
+
+#[test]
 fn a_summary_that_was_changed_is_refused() {
     let mut bytes = sample(WriteOptions::new());
     let (begin, _) =

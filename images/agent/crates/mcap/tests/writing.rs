@@ -55,7 +55,7 @@ proptest! {
 /// Messages and all else that a recording may hold, so many of them.
 fn fill(writer: &mut McapWriter, steps: u64) {
     let mut other = connection("/c");
-    other.definition += "int8 more\n";
+    other.definition = format!("{}int8 more\n", other.definition).into();
     let ids = [connection("/a"), connection("/b"), other].map(|each| writer.add_connection(&each));
     for step in 0..steps {
         match step {
@@ -153,7 +153,7 @@ fn connections_survive_in_ros_1_and_ros_2() {
         topic: "/map".to_owned(),
         datatype: "std_msgs/String".to_owned(),
         md5sum: "992ce8a1687cec8c8bd883ec73ca41d1".to_owned(),
-        definition: "string data\n".to_owned(),
+        definition: "string data\n".into(),
         caller_id: Some("/talker".to_owned()),
         latching: true,
         ..Connection::default()

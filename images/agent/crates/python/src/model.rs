@@ -1,32 +1,44 @@
 //! What a bag is made of, as Python sees it.
 
+use std::sync::Arc;
+
 use pyo3::prelude::*;
 
 /// One publisher of one topic, as it was recorded.
-#[pyclass(frozen, eq, get_all, module = "bagpipe_bag")]
+#[pyclass(frozen, eq, module = "bagpipe_bag")]
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Connection {
     /// The number that the bag's messages refer to.
+    #[pyo3(get)]
     id: u32,
     /// The topic's resolved name.
+    #[pyo3(get)]
     topic: String,
     /// The message type, such as `sensor_msgs/Imu`.
+    #[pyo3(get)]
     r#type: String,
     /// The type's MD5 sum, 32 hexadecimal digits.
+    #[pyo3(get)]
     md5sum: String,
-    /// The type's full definition.
-    definition: String,
+    /// The type's full definition, which a small file's many connections may share.
+    definition: Arc<str>,
     /// The publishing node's name, or None.
+    #[pyo3(get)]
     callerid: Option<String>,
     /// True when the publisher latched its last message, or its durability is transient local.
+    #[pyo3(get)]
     latching: bool,
     /// How many of its last messages a subscriber that joins late gets.
+    #[pyo3(get)]
     in_force: u32,
     /// What its messages' bytes are, such as `ros1` or `cdr`.
+    #[pyo3(get)]
     encoding: String,
     /// What the definition is written in, such as `ros1msg`, `ros2msg` or `ros2idl`.
+    #[pyo3(get)]
     schema_encoding: String,
     /// The publishers' quality of service, as ROS 2's recorder wrote it down (YAML), or None.
+    #[pyo3(get)]
     offered_qos: Option<String>,
 }
 
@@ -68,6 +80,11 @@ impl Connection {
 
 #[pymethods]
 impl Connection {
+    #[getter]
+    fn definition(&self) -> &str {
+        &self.definition
+    }
+
     fn __repr__(&self) -> String {
         let Self { id, topic, r#type, .. } = self;
         format!("Connection(id={id}, topic={topic:?}, type={type:?})")

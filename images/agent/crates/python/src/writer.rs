@@ -43,7 +43,7 @@ impl ConnectionFields<'_> {
     fn is(&self, known: &Connection) -> bool {
         self.r#type == known.datatype
             && self.md5sum == known.md5sum
-            && self.definition == known.definition
+            && *self.definition == *known.definition
             && self.callerid == known.caller_id.as_deref()
             && self.latching == known.latching
     }
@@ -53,7 +53,7 @@ impl ConnectionFields<'_> {
             topic: self.topic.to_owned(),
             datatype: self.r#type.to_owned(),
             md5sum: self.md5sum.to_owned(),
-            definition: self.definition.to_owned(),
+            definition: self.definition.into(),
             caller_id: self.callerid.map(str::to_owned),
             latching: self.latching,
             ..Connection::default()

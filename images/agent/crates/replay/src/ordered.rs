@@ -91,7 +91,7 @@ mod tests {
                 topic: topic.to_owned(),
                 datatype: String::new(),
                 md5sum: String::new(),
-                definition: String::new(),
+                definition: "".into(),
                 caller_id: Some(caller.to_owned()),
                 ..Connection::default()
             })

@@ -375,7 +375,7 @@ pub(crate) fn connection_of(incoming: &Incoming<'_>) -> Connection {
         topic: incoming.topic.to_owned(),
         datatype: publisher.datatype.clone(),
         md5sum: publisher.md5sum.clone(),
-        definition: publisher.definition.clone(),
+        definition: publisher.definition.as_str().into(),
         caller_id: publisher.node.clone(),
         latching: publisher.latching,
         message_encoding: MessageEncoding::from_name(publisher.message_encoding),
@@ -407,7 +407,7 @@ mod tests {
             topic: "/out".to_owned(),
             datatype: "std_msgs/String".to_owned(),
             md5sum: "992ce8a1687cec8c8bd883ec73ca41d1".to_owned(),
-            definition: "string data\n".to_owned(),
+            definition: "string data\n".into(),
             ..Connection::default()
         })
     }

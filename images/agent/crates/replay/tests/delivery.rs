@@ -167,7 +167,7 @@ fn bag_of_courses(compression: Compression, courses: &[Course]) -> Bag<MemoryChu
     let connection = |course: &Course| Connection {
         datatype: "lab/Sample".to_owned(),
         md5sum: "00112233445566778899aabbccddeeff".to_owned(),
-        definition: "uint8[] data\n".to_owned(),
+        definition: "uint8[] data\n".into(),
         ..words(course.0, "/robot", false)
     };
     let connections: Vec<Connection> = courses.iter().map(connection).collect();

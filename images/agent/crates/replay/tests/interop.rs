@@ -17,7 +17,7 @@ fn a_type_that_nobody_here_has_ever_seen_is_played_and_its_answer_recorded() {
     let mut odd = words("/odd", "/t", false);
     odd.datatype = "nowhere_msgs/Odd".to_owned();
     odd.md5sum = "00112233445566778899aabbccddeeff".to_owned();
-    odd.definition = "# of a package that is not installed\nfloat32[3] a\nint8 b\n".to_owned();
+    odd.definition = "# of a package that is not installed\nfloat32[3] a\nint8 b\n".into();
     let data = |n: u8| vec![n; 13];
     let bag = bag_of(&[odd.clone()], (0..50).map(|n| (0, data(n))));
     let graph = Graph::start(TMP);

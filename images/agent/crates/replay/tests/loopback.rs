@@ -133,7 +133,7 @@ impl Outlet for Relayed {
             node: Some(STACK.to_owned()),
             datatype: "std_msgs/String".to_owned(),
             md5sum: "992ce8a1687cec8c8bd883ec73ca41d1".to_owned(),
-            definition: "string data\n".to_owned(),
+            definition: "string data\n".into(),
             ..Publisher::default()
         };
         for frame in frames {

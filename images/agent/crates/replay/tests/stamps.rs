@@ -19,7 +19,7 @@ fn joint_states(seconds: &[u32]) -> Bag<MemoryChunkedFile> {
         topic: "/joint_states".to_owned(),
         datatype: "sensor_msgs/JointState".to_owned(),
         md5sum: "3066dcd76a6cfaef579bd0f34173e9fd".to_owned(),
-        definition: definition.to_owned(),
+        definition: definition.into(),
         caller_id: Some("/robot".to_owned()),
         ..Connection::default()
     };

@@ -12,7 +12,7 @@ pub(crate) fn clock_topic() -> TopicInfo {
                      # This message simply communicates the current time.\n\
                      # For more information, see http://www.ros.org/wiki/Clock\n\
                      time clock\n"
-            .to_owned(),
+            .into(),
         latching: true,
         offered_qos: None,
     }

@@ -53,7 +53,7 @@ fn chatter(latching: bool) -> TopicInfo {
         topic: "/chatter".to_owned(),
         datatype: "std_msgs/String".to_owned(),
         md5sum: "992ce8a1687cec8c8bd883ec73ca41d1".to_owned(),
-        definition: "string data\n".to_owned(),
+        definition: "string data\n".into(),
         latching,
         offered_qos: None,
     }

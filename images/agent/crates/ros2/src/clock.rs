@@ -10,7 +10,7 @@ pub(crate) fn clock_topic() -> TopicInfo {
         definition: "builtin_interfaces/Time clock\n\
                      ================================================================================\n\
                      MSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
-            .to_owned(),
+            .into(),
         ..TopicInfo::default()
     }
 }

@@ -130,7 +130,7 @@ impl Graph {
         let played = self.topics().iter().map(|topic| topic.info().clone()).collect::<Vec<_>>();
         let same = || played.iter().find(|info| info.datatype == datatype);
         let definition = installed(datatype, &self.prefixes)
-            .or_else(|| Some(same()?.definition.clone()))
+            .or_else(|| Some(same()?.definition.to_string()))
             .unwrap_or_default();
         Publisher {
             node,

@@ -188,7 +188,7 @@ mod tests {
             topic: "/topic".to_owned(),
             datatype: datatype.to_owned(),
             md5sum: String::new(),
-            definition: String::new(),
+            definition: "".into(),
             latching,
             offered_qos: offered.map(str::to_owned),
         }

@@ -18,7 +18,7 @@ fn events() -> Mcap {
     let mut writer = McapWriter::new(WriterOptions::default());
     let connection = Connection {
         datatype: "example_interfaces/srv/AddTwoInts_Event".to_owned(),
-        definition: "service_msgs/ServiceEventInfo info\n".to_owned(),
+        definition: "service_msgs/ServiceEventInfo info\n".into(),
         ..imu(TOPIC)
     };
     let id = RecordingWriter::add_connection(&mut writer, &connection);

@@ -73,7 +73,7 @@ fn sample(compression: Compression, messages: u64) -> Vec<u8> {
             topic: topic.to_owned(),
             datatype: "std_msgs/String".to_owned(),
             md5sum: "992ce8a1687cec8c8bd883ec73ca41d1".to_owned(),
-            definition: "string data\n".to_owned(),
+            definition: "string data\n".into(),
             latching,
             ..Connection::default()
         });

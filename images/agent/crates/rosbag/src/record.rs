@@ -257,7 +257,7 @@ pub(crate) fn connection(header: &[u8], data: &[u8]) -> Result<Connection, Defec
     let topic = text(Fields::require(header, "topic")?);
     let datatype = text(Fields::require(data, "type")?);
     let md5sum = text(Fields::require(data, "md5sum")?);
-    let definition = Fields::find(data, "message_definition")?.map(text).unwrap_or_default();
+    let definition = Fields::find(data, "message_definition")?.map(text).unwrap_or_default().into();
     let caller_id = Fields::find(data, "callerid")?.map(text);
     let latching = Fields::find(data, "latching")? == Some(b"1");
     let known = Connection { id, topic, datatype, md5sum, definition, ..Connection::default() };

@@ -139,7 +139,7 @@ impl<'f, F: ChunkedFile> Reader<'f, F> {
                     topic: text("topic")?,
                     datatype: text("type")?,
                     md5sum: text("md5")?,
-                    definition: text("def")?,
+                    definition: text("def")?.into(),
                     ..Connection::default()
                 };
                 self.definitions.insert(connection.topic.clone(), connection);

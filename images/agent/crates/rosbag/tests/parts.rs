@@ -20,7 +20,7 @@ fn connection(topic: &str) -> Connection {
         topic: topic.to_owned(),
         datatype: "std_msgs/String".to_owned(),
         md5sum: "992ce8a1687cec8c8bd883ec73ca41d1".to_owned(),
-        definition: "string data\n".to_owned(),
+        definition: "string data\n".into(),
         caller_id: Some("/talker".to_owned()),
         latching: topic == "/map",
         ..Connection::default()

@@ -40,7 +40,7 @@ fn every_storage_version_and_compression_gives_the_same_messages() {
             assert_eq!(each.latching, each.topic == "/map", "{what}");
             let defined = storage == "mcap" || form == Form::Jazzy;
             assert_eq!(each.schema_encoding == SchemaEncoding::Ros2Msg, defined, "{what}");
-            assert_eq!(each.definition == "string data\n", defined, "{what}");
+            assert_eq!(&*each.definition == "string data\n", defined, "{what}");
         }
     }
 }

@@ -411,7 +411,7 @@ pub fn chatter(count: u64) -> Vec<u8> {
         topic: "/chatter".to_owned(),
         datatype: "std_msgs/String".to_owned(),
         md5sum: "992ce8a1687cec8c8bd883ec73ca41d1".to_owned(),
-        definition: "string data\n".to_owned(),
+        definition: "string data\n".into(),
         ..Connection::default()
     });
     for number in 0..count {

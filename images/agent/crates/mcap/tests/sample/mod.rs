@@ -21,7 +21,7 @@ pub fn connection(topic: &str) -> Connection {
     Connection {
         topic: topic.to_owned(),
         datatype: "std_msgs/msg/String".to_owned(),
-        definition: "string data\n".to_owned(),
+        definition: "string data\n".into(),
         message_encoding: MessageEncoding::Cdr,
         schema_encoding: SchemaEncoding::Ros2Msg,
         offered_qos: Some("- history: 1\n  durability: 2\n".to_owned()),

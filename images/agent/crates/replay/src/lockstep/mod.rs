@@ -278,7 +278,7 @@ mod tests {
     fn topics() -> Vec<TopicInfo> {
         let topic = |name: &str, definition: &str| TopicInfo {
             topic: name.to_owned(),
-            definition: definition.to_owned(),
+            definition: definition.into(),
             ..TopicInfo::default()
         };
         vec![

@@ -14,7 +14,7 @@ pub fn words(topic: &str, caller_id: &str, latching: bool) -> Connection {
         topic: topic.to_owned(),
         datatype: "std_msgs/String".to_owned(),
         md5sum: "992ce8a1687cec8c8bd883ec73ca41d1".to_owned(),
-        definition: "string data\n".to_owned(),
+        definition: "string data\n".into(),
         caller_id: Some(caller_id.to_owned()),
         latching,
         ..Connection::default()

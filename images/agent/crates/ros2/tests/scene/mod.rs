@@ -40,7 +40,7 @@ pub fn imu(topic: &str) -> Connection {
     Connection {
         topic: topic.to_owned(),
         datatype: "sensor_msgs/msg/Imu".to_owned(),
-        definition: "std_msgs/Header header\n".to_owned(),
+        definition: "std_msgs/Header header\n".into(),
         message_encoding: MessageEncoding::Cdr,
         schema_encoding: SchemaEncoding::Ros2Msg,
         offered_qos: Some(QOS.to_owned()),

@@ -35,7 +35,7 @@ pub fn topics(simulator: &Simulator) -> Vec<TopicInfo> {
         topic: advertised.topic.clone(),
         datatype: advertised.datatype.clone(),
         md5sum: advertised.md5sum.clone(),
-        definition: advertised.definition.clone(),
+        definition: advertised.definition.as_str().into(),
         latching: advertised.latching,
         offered_qos: None,
     });
