@@ -10,22 +10,25 @@ use crate::sqlite::{Definition, Topic};
 const QOS: &str = "offered_qos_profiles";
 const TYPE_HASH: &str = "topic_type_hash";
 
-/// A topic as MCAP has it, and its type; without a definition where the file has none.
-pub(crate) fn connection(topic: &Topic, definition: Option<&Definition>) -> (Schema, Channel) {
+/// A type as MCAP has it; without a definition where the file has none.
+pub(crate) fn schema(datatype: &str, definition: Option<&Definition>) -> Schema {
     let (encoding, text) = match definition {
         Some((encoding, text)) if encoding != "unknown" => (encoding.clone(), text.clone()),
         _ => (String::new(), String::new()),
     };
-    let schema = Schema { id: 0, name: topic.datatype.clone(), encoding, data: text.into_bytes() };
+    Schema { id: 0, name: datatype.to_owned(), encoding, data: text.into_bytes() }
+}
+
+/// A topic as MCAP has it.
+pub(crate) fn channel(topic: &Topic) -> Channel {
     let mut metadata = BTreeMap::from([(QOS.to_owned(), topic.offered_qos.clone())]);
     if !topic.type_hash.is_empty() {
         metadata.insert(TYPE_HASH.to_owned(), topic.type_hash.clone());
     }
-    let channel = Channel {
+    Channel {
         topic: topic.name.clone(),
         message_encoding: topic.encoding.clone(),
         metadata,
         ..Channel::default()
-    };
-    (schema, channel)
+    }
 }

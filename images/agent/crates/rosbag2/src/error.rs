@@ -25,7 +25,7 @@ pub enum Rosbag2Error {
     },
     /// SQLite can't read the file.
     #[error("SQLite can't read it: {0}")]
-    Sqlite(#[from] rusqlite::Error),
+    Sqlite(#[source] rusqlite::Error),
     /// Compressed bytes that can't be uncompressed.
     #[error("{what}: expected {expected}")]
     Compressed {
@@ -56,6 +56,19 @@ pub enum Rosbag2Error {
     /// The system refused a file.
     #[error(transparent)]
     System(#[from] std::io::Error),
+}
+
+impl From<rusqlite::Error> for Rosbag2Error {
+    fn from(error: rusqlite::Error) -> Self {
+        // Nothing but our own bound interrupts a query.
+        match error.sqlite_error_code() {
+            Some(rusqlite::ErrorCode::OperationInterrupted) => {
+                let expected = "tables with no more rows than fit in a file of its size";
+                Self::database("the file", expected)
+            }
+            _ => Self::Sqlite(error),
+        }
+    }
 }
 
 impl Rosbag2Error {

@@ -1,6 +1,6 @@
 //! A folder's files, each as MCAP in memory.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
@@ -9,7 +9,7 @@ use bagpipe_log::{Late, Window};
 use bagpipe_mcap::{Limits, Mcap, McapError, McapWriter, Stamp, WriterOptions};
 use rusqlite::types::ValueRef;
 
-use crate::channel::connection;
+use crate::channel::{channel, schema};
 use crate::rows::{time, unknown};
 use crate::sqlite::integer;
 use crate::{
@@ -157,29 +157,19 @@ pub fn mcap_of_database(
     let options = WriterOptions { profile, byte_budget: Some(memory), ..WriterOptions::default() };
     // In a buffer of our own, because a budget is reserved otherwise.
     let mut writer = McapWriter::with_buffer(options, Vec::new());
-    let (topics, definitions) = (database.topics(selection.about)?, database.definitions()?);
-    let mut wanted: BTreeMap<i64, (u32, bool)> = BTreeMap::new();
-    for topic in topics.iter().filter(|topic| (selection.topics)(&topic.name)) {
-        let (schema, channel) = connection(topic, definitions.get(&topic.datatype));
-        let in_force = (selection.late)(&topic.name).in_force(u32::from(channel.is_latched()));
-        wanted.insert(topic.id, (writer.add_channel(Some(&schema), &channel), in_force > 0));
-    }
+    let known = channels(database, selection, &mut writer)?;
     let window = selection.window;
-    let mut found = database
-        .connection
-        .prepare("SELECT topic_id, timestamp, data FROM messages NOT INDEXED")?;
-    let mut rows = found.query([])?;
+    let mut found =
+        database.prepare("SELECT topic_id, timestamp, data FROM messages NOT INDEXED")?;
+    let (mut rows, mut left) = (found.query([])?, database.left("messages"));
     let (mut count, mut uncompressed) = (0, Vec::new());
     while let Some(row) = rows.next()? {
         count += 1;
+        left.take(row)?;
         let topic = integer(row, 0, "messages")?;
-        let time = time(integer(row, 1, "messages")?, count, database)?;
-        let Some((id, latched)) = wanted.get(&topic) else {
-            if topics.iter().any(|each| each.id == topic) {
-                continue;
-            }
-            return Err(unknown(topic, count));
-        };
+        let time = time(integer(row, 1, "messages")?, count)?;
+        let of = known.get(&topic).ok_or_else(|| unknown(topic, count))?;
+        let Some((id, latched)) = of else { continue };
         if time >= window.end || (time < window.start && !latched) {
             continue;
         }
@@ -201,4 +191,27 @@ pub fn mcap_of_database(
         writer.write_stamped(*id, time, Stamp { sequence: 0, publish_time: time }, data)?;
     }
     Ok(writer.finish()?)
+}
+
+/// All topics of a file by their numbers; of those that are wanted the channel, and whether it has
+/// messages in force before a window.
+fn channels(
+    database: &Database,
+    selection: &Selection<'_>,
+    writer: &mut McapWriter,
+) -> Result<BTreeMap<i64, Option<(u32, bool)>>, Rosbag2Error> {
+    let (topics, definitions) = (database.topics(selection.about)?, database.definitions()?);
+    let mut types: HashMap<&str, usize> = HashMap::new();
+    let found = topics.iter().map(|topic| {
+        let wanted = (selection.topics)(&topic.name).then(|| {
+            let channel = channel(topic);
+            let of = types.entry(&topic.datatype).or_insert_with(|| {
+                writer.add_schema(&schema(&topic.datatype, definitions.get(&topic.datatype)))
+            });
+            let in_force = (selection.late)(&topic.name).in_force(u32::from(channel.is_latched()));
+            (writer.add_channel_of(Some(*of), &channel), in_force > 0)
+        });
+        (topic.id, wanted)
+    });
+    Ok(found.collect())
 }

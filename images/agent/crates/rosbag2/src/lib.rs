@@ -8,6 +8,7 @@
 //! Not for: writing folders, or deserialising messages.
 #![forbid(unsafe_code)]
 
+mod bounds;
 mod channel;
 mod compressed;
 mod error;

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use bagpipe_log::{Connection, MessageEncoding};
 
-use crate::channel::connection;
+use crate::channel::channel;
 use crate::sqlite::integer;
 use crate::{Database, Rosbag2Error, TopicCount};
 
@@ -38,34 +38,35 @@ pub struct Rows {
 /// [`Rosbag2Error::Sqlite`], [`Rosbag2Error::Database`].
 pub fn rows(database: &Database, about: &[TopicCount]) -> Result<Rows, Rosbag2Error> {
     let topics = database.topics(about)?;
-    let definitions = database.definitions()?;
+    // Planning takes no definition: one that can't be read is to be known before there are cases.
+    database.definitions()?;
     let ids: BTreeMap<i64, u32> =
         topics.iter().zip(1..).map(|(topic, id)| (topic.id, id)).collect();
-    let connections = topics.iter().zip(1..);
+    let connections = topics.into_iter().zip(1..);
     let connections = connections
         .map(|(topic, id)| {
-            let (schema, channel) = connection(topic, definitions.get(&topic.datatype));
+            let latching = channel(&topic).is_latched();
             Connection {
                 id,
-                topic: topic.name.clone(),
-                datatype: schema.name,
+                topic: topic.name,
+                datatype: topic.datatype,
                 message_encoding: MessageEncoding::from_name(&topic.encoding),
-                latching: channel.is_latched(),
-                offered_qos: Some(topic.offered_qos.clone()),
+                latching,
+                offered_qos: Some(topic.offered_qos),
                 ..Connection::default()
             }
         })
         .collect();
-    let mut found =
-        database.connection.prepare("SELECT topic_id, timestamp FROM messages NOT INDEXED")?;
-    let mut read = found.query([])?;
+    let mut found = database.prepare("SELECT topic_id, timestamp FROM messages NOT INDEXED")?;
+    let (mut read, mut left) = (found.query([])?, database.left("messages"));
     let mut stretches = Vec::new();
     let mut open = Open::default();
     let mut count = 0;
     while let Some(row) = read.next()? {
         count += 1;
+        left.take(row)?;
         let topic = integer(row, 0, "messages")?;
-        let time = time(integer(row, 1, "messages")?, count, database)?;
+        let time = time(integer(row, 1, "messages")?, count)?;
         let id = *ids.get(&topic).ok_or_else(|| unknown(topic, count))?;
         if !open.takes(time) {
             stretches.extend(open.close());
@@ -76,13 +77,8 @@ pub fn rows(database: &Database, about: &[TopicCount]) -> Result<Rows, Rosbag2Er
     Ok(Rows { connections, stretches })
 }
 
-/// The time of a message, by its place in the table; behind too many rows an error, because a
-/// damaged file may lead in a circle.
-pub(crate) fn time(value: i64, row: u64, database: &Database) -> Result<u64, Rosbag2Error> {
-    if row > database.most_rows() {
-        let expected = format!("at most {} rows in a file of its size", database.most_rows());
-        return Err(Rosbag2Error::database("messages", expected));
-    }
+/// The time of a message, by its place in the table.
+pub(crate) fn time(value: i64, row: u64) -> Result<u64, Rosbag2Error> {
     u64::try_from(value).map_err(|_| {
         let table = format!("messages, row {row}");
         Rosbag2Error::database(table, format!("a time of at least 0 ns, found {value}"))

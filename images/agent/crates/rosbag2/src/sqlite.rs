@@ -1,24 +1,31 @@
 //! A file of SQLite as rosbag2 writes it, since Foxy.
 //!
 //! SQLite reads a hostile file without harm, but does what the file's own words ask of it: a
-//! view may never end, and a column may be computed. So the tables must be tables and the
-//! columns stored; the program that the file is read by has no other words.
+//! view may never end, a column may be computed, and the pages of a table may lead in a circle.
+//! So the tables must be tables and the columns stored, the program that the file is read by has
+//! no other words, and no query takes more than fits in the file.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
+use std::ffi::c_int;
 use std::io::Read;
 use std::path::Path;
 
 use rusqlite::config::DbConfig;
 use rusqlite::limits::Limit;
 use rusqlite::types::ValueRef;
-use rusqlite::{Connection, OpenFlags, Row};
+use rusqlite::{Connection, OpenFlags, Row, Statement};
 
-use crate::{Rosbag2Error, TopicCount};
+use crate::bounds::Left;
+use crate::{MOST_METADATA_BYTES, Rosbag2Error, TopicCount};
 
 /// What every file of SQLite begins with.
 pub const SQLITE_MAGIC: &[u8; 16] = b"SQLite format 3\0";
-/// A message's row takes more than so many bytes of its page.
-const LEAST_ROW: u64 = 8;
+/// SQLite's steps between two looks at how many there were.
+const STEPS_AT_ONCE: u16 = 1000;
+/// A row takes fewer steps, whatever is asked of it.
+const STEPS_OF_A_ROW: u64 = 32;
+/// And what is asked of the schema of a sound file.
+const STEPS_OF_THE_SCHEMA: u64 = 1 << 20;
 /// Topics, and definitions of types, that a file may have.
 const MOST_NAMES: usize = 1 << 16;
 
@@ -78,6 +85,9 @@ impl Database {
     }
 
     fn hardened(connection: Connection, size: u64) -> Result<Self, Rosbag2Error> {
+        let database = Self { connection, size };
+        database.bound_steps()?;
+        let connection = &database.connection;
         connection.set_db_config(DbConfig::SQLITE_DBCONFIG_DEFENSIVE, true)?;
         connection.set_db_config(DbConfig::SQLITE_DBCONFIG_TRUSTED_SCHEMA, false)?;
         connection.set_db_config(DbConfig::SQLITE_DBCONFIG_ENABLE_VIEW, false)?;
@@ -87,21 +97,37 @@ impl Database {
         connection.set_limit(Limit::SQLITE_LIMIT_LENGTH, longest)?;
         connection.pragma_update(None, "cell_size_check", true)?;
         connection.pragma_update(None, "query_only", true)?;
-        let database = Self { connection, size };
         database.demand("topics", &["id", "name", "type", "serialization_format"])?;
         database.demand("messages", &["topic_id", "timestamp", "data"])?;
         Ok(database)
     }
 
-    /// The most rows that a file of this size can hold.
-    pub(crate) fn most_rows(&self) -> u64 {
-        self.size / LEAST_ROW
+    /// Prepares a query, which is interrupted behind more steps than the rows of a file of this
+    /// size take. SQLite may read the schema for it, whose own pages may lead in a circle, so that
+    /// it is not enough to count rows.
+    pub(crate) fn prepare(&self, query: &str) -> Result<Statement<'_>, Rosbag2Error> {
+        self.bound_steps()?;
+        Ok(self.connection.prepare(query)?)
+    }
+
+    fn bound_steps(&self) -> Result<(), Rosbag2Error> {
+        let mut left = STEPS_OF_THE_SCHEMA + self.left("").rows * STEPS_OF_A_ROW;
+        let all_taken = move || {
+            left = left.saturating_sub(u64::from(STEPS_AT_ONCE));
+            left == 0
+        };
+        self.connection.progress_handler(c_int::from(STEPS_AT_ONCE), Some(all_taken))?;
+        Ok(())
+    }
+
+    /// What one query may take of a table.
+    pub(crate) fn left(&self, table: &'static str) -> Left {
+        Left::of(table, self.size)
     }
 
     /// The columns of a table, which must be a table and have stored ones; `None` without it.
     fn columns(&self, table: &str) -> Result<Option<Vec<String>>, Rosbag2Error> {
         let mut found = self
-            .connection
             .prepare("SELECT type, rootpage FROM sqlite_schema WHERE lower(name) = ?1 LIMIT 2")?;
         let mut rows = found.query([table])?;
         let Some(row) = rows.next()? else { return Ok(None) };
@@ -110,7 +136,7 @@ impl Database {
             return Err(Rosbag2Error::database(table, "a table that is stored in the file"));
         }
         let mut found =
-            self.connection.prepare("SELECT name, hidden FROM pragma_table_xinfo(?1) LIMIT 100")?;
+            self.prepare("SELECT name, hidden FROM pragma_table_xinfo(?1) LIMIT 100")?;
         let mut rows = found.query([table])?;
         let mut columns = Vec::new();
         while let Some(row) = rows.next()? {
@@ -142,21 +168,16 @@ impl Database {
             false => "''",
         };
         let (qos, hash) = (or_empty("offered_qos_profiles"), or_empty("type_description_hash"));
-        let mut found = self.connection.prepare(&format!(
+        let mut found = self.prepare(&format!(
             "SELECT id, name, type, serialization_format, {qos}, {hash} FROM topics NOT INDEXED"
         ))?;
-        let mut rows = found.query([])?;
+        let (mut rows, mut left) = (found.query([])?, self.left("topics"));
+        let mut about = About::of(about);
         let mut topics: BTreeMap<i64, Topic> = BTreeMap::new();
         while let Some(row) = rows.next()? {
+            left.take(row)?;
             let mut topic = topic(row)?;
-            if let Some(known) = about.iter().find(|known| known.topic == topic.name) {
-                if topic.offered_qos.is_empty() {
-                    topic.offered_qos.clone_from(&known.offered_qos);
-                }
-                if !known.encoding.is_empty() {
-                    topic.encoding.clone_from(&known.encoding);
-                }
-            }
+            about.complete(&mut topic)?;
             let (id, full) = (topic.id, topics.len() >= MOST_NAMES);
             if full || topics.insert(id, topic).is_some() {
                 let expected = format!("at most {MOST_NAMES} rows, each with another id");
@@ -174,13 +195,14 @@ impl Database {
         if !wanted.iter().all(|name| columns.iter().any(|column| column == name)) {
             return Ok(BTreeMap::new());
         }
-        let mut found = self.connection.prepare(
+        let mut found = self.prepare(
             "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions \
              NOT INDEXED",
         )?;
-        let mut rows = found.query([])?;
+        let (mut rows, mut left) = (found.query([])?, self.left(table));
         let mut definitions = BTreeMap::new();
         while let Some(row) = rows.next()? {
+            left.take(row)?;
             if definitions.len() >= MOST_NAMES {
                 return Err(Rosbag2Error::database(table, format!("at most {MOST_NAMES} rows")));
             }
@@ -188,6 +210,44 @@ impl Database {
             definitions.insert(word(0)?, (word(1)?, word(2)?));
         }
         Ok(definitions)
+    }
+}
+
+/// What the folder's metadata says of topics, each of which is one row's in a sound file.
+struct About<'a> {
+    topics: HashMap<&'a str, &'a TopicCount>,
+    /// Bytes that rows may still take over: a text that many rows of one name take is many texts.
+    left: u64,
+}
+
+impl<'a> About<'a> {
+    fn of(about: &'a [TopicCount]) -> Self {
+        let mut topics = HashMap::new();
+        for each in about {
+            topics.entry(&*each.topic).or_insert(each);
+        }
+        Self { topics, left: 4 * MOST_METADATA_BYTES }
+    }
+
+    /// Takes over what the row does not say, and the encoding.
+    fn complete(&mut self, topic: &mut Topic) -> Result<(), Rosbag2Error> {
+        let Some(known) = self.topics.get(&*topic.name) else { return Ok(()) };
+        let texts = (known.offered_qos.len() + known.encoding.len()) as u64;
+        self.left = self.left.checked_sub(texts).ok_or_else(|| {
+            let expected = format!(
+                "one row for each topic, found so many of one name that what metadata.yaml says of \
+                 them is above {} bytes",
+                4 * MOST_METADATA_BYTES
+            );
+            Rosbag2Error::database("topics", expected)
+        })?;
+        if topic.offered_qos.is_empty() {
+            topic.offered_qos.clone_from(&known.offered_qos);
+        }
+        if !known.encoding.is_empty() {
+            topic.encoding.clone_from(&known.encoding);
+        }
+        Ok(())
     }
 }
 

@@ -1,6 +1,7 @@
 //! Damaged and hostile folders: never a panic, never memory without a bound, always a sentence.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+mod circle;
 mod made;
 
 use std::path::Path;
@@ -186,6 +187,56 @@ fn a_database_that_is_a_program_is_refused() {
     let large = "UPDATE messages SET data = zeroblob(3000000) WHERE id = 5;";
     assert!(changed(large).unwrap_err().over_memory());
     assert!(changed("SELECT 1;").is_ok());
+}
+
+#[test]
+fn tables_that_lead_in_a_circle_end_with_a_sentence() {
+    let place = tempfile::tempdir().unwrap();
+    let path = place.path().join("a.db3");
+    for table in ["topics", "messages", "message_definitions"] {
+        made::database(&path, Form::Jazzy, 0..1, <[u8]>::to_vec);
+        circle::in_table(&path, table);
+        let text = all_of(&path).unwrap_err().to_string();
+        let refused = format!("{table}: expected at most ");
+        assert!(text.starts_with(&refused), "{table}: {text}");
+        let text = Database::open(&path).and_then(|file| rows(&file, &[])).unwrap_err().to_string();
+        assert!(text.starts_with(&refused), "{table}: {text}");
+        std::fs::remove_file(&path).unwrap();
+    }
+    made::database(&path, Form::Jazzy, 0..1, <[u8]>::to_vec);
+    circle::in_schema(&path);
+    let text = Database::open(&path).unwrap_err().to_string();
+    assert!(text.contains("no more rows than fit in a file of its size"), "{text}");
+}
+
+#[test]
+fn rows_that_share_a_text_take_no_more_than_the_file_has() {
+    let place = tempfile::tempdir().unwrap();
+    let path = place.path().join("a.db3");
+    made::database(&path, Form::Humble, 0..6, <[u8]>::to_vec);
+    let many = |column: &str| {
+        format!(
+            "WITH RECURSIVE n(i) AS (SELECT 100 UNION ALL SELECT i + 1 FROM n WHERE i < 3000)
+             INSERT INTO topics (id, name, type, serialization_format, offered_qos_profiles)
+             SELECT i, '/a', 'std_msgs/msg/String', 'cdr', {column} FROM n;"
+        )
+    };
+    let file = rusqlite::Connection::open(&path).unwrap();
+    file.execute_batch(&many("''")).unwrap();
+    // What the folder's metadata says of the one name.
+    let mut about = metadata(made::metadata(5, "sqlite3", &["a.db3"], "").as_bytes()).unwrap();
+    assert!(rows(&Database::open(&path).unwrap(), &about.topics).is_ok());
+    about.topics[0].offered_qos = "x".repeat(1 << 20);
+    let text = rows(&Database::open(&path).unwrap(), &about.topics).unwrap_err().to_string();
+    assert!(text.starts_with("topics: expected one row for each topic"), "{text}");
+    // A column that came to the table later has one text for all rows that were there.
+    let late = format!(
+        "ALTER TABLE topics ADD COLUMN type_description_hash TEXT DEFAULT '{}'",
+        "x".repeat(100_000)
+    );
+    file.execute_batch(&late).unwrap();
+    let text = rows(&Database::open(&path).unwrap(), &[]).unwrap_err().to_string();
+    assert!(text.starts_with("topics: expected at most"), "{text}");
 }
 
 #[test]
