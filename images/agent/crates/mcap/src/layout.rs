@@ -266,6 +266,8 @@ impl Pass<'_> {
         walk.run(&mut self.file[records.clone()], 0);
         self.channels.forget(&walked.counts);
         self.found.lost.add_all(records.start, std::mem::take(&mut walked.lost));
+        part.compare_times(&mut walked);
+        self.found.lost.add_all(0, std::mem::take(&mut walked.lost));
         let made = Made { bytes: Vec::new(), walked };
         self.found.parts.push(Part { made: OnceLock::from(Box::new(made)), ..part });
     }

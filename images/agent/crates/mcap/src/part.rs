@@ -83,6 +83,19 @@ impl Part {
         promised == found
     }
 
+    /// Adds to what it lost where a message lies outside of the times that it states itself, by which
+    /// it is chosen. Some writers state none.
+    pub fn compare_times(&self, walked: &mut Walked) {
+        let ((first, last), (stated, until)) = (walked.times, self.stated);
+        let inside = stated <= first && last <= until;
+        if inside || until == 0 || walked.places.is_empty() {
+            return;
+        }
+        let expected =
+            format!("messages from {stated} to {until} ns in a chunk, found {first} to {last} ns");
+        walked.lost.add(self.position, expected, 0, Some(0));
+    }
+
     /// Uncompresses it and finds its messages, whose places get the number `chunk`, in the
     /// memory of another.
     pub fn make(
@@ -114,6 +127,7 @@ impl Part {
             lost.add(self.data.start, expected, inner.bytes, inner.messages);
         }
         walked.lost = lost;
+        self.compare_times(&mut walked);
         Made { bytes, walked }
     }
 }

@@ -142,8 +142,15 @@ struct Summary {
     chunks: Vec<ChunkIndex>,
     /// Where attachments and metadata lie, between the chunks.
     others: Vec<Range>,
-    messages: Option<u64>,
-    /// As the statistics count them, which need not.
+    statistics: Option<Statistics>,
+}
+
+#[derive(Default)]
+struct Statistics {
+    messages: u64,
+    /// The first and the last time; 0 where it is not stated.
+    times: (u64, u64),
+    /// Messages of each channel, which need not be counted.
     by_channel: BTreeMap<u32, u64>,
 }
 
@@ -236,32 +243,29 @@ impl Summary {
                 let offset = fields.u64("where a record lies")?;
                 self.others.push((offset, fields.u64("a record's length")?));
             }
-            STATISTICS => {
-                let mut fields = Fields::new(bytes, at);
-                self.messages = Some(fields.u64("how many messages there are")?);
-                self.by_channel = counts_by_channel(fields)?;
-            }
+            STATISTICS => self.statistics = Some(Statistics::read(bytes, at)?),
             _ => {}
         }
         Ok(())
     }
 
     fn index(self, base: u64, head_end: u64) -> Result<Index, Refusal> {
-        let Self { schemas, channels, chunks, others, messages, by_channel } = self;
+        let Self { schemas, channels, chunks, others, statistics } = self;
         let indexed = chunks.iter().all(|chunk| !chunk.indexes.is_empty());
         let chunks = chunks.into_iter().map(ChunkIndex::span).collect::<Result<Vec<_>, _>>()?;
         let mut chunks = in_order(chunks, head_end, base)?;
         let indexed = indexed && is_covered(&chunks, others, head_end..base);
         let counts = chunks.iter().flat_map(|chunk| &chunk.counts);
         let found: u64 = counts.clone().map(|(_, count)| u64::from(*count)).sum();
-        if messages.map_or(!indexed, |messages| messages != found) {
+        if statistics.as_ref().map_or(!indexed, |all| all.messages != found) {
             let sentence = format!(
                 "the summary at byte {base} names the places of {found} messages, and not of all: \
                  {ADVICE}"
             );
             return Err(refused(Reason::NotIndexed, sentence));
         }
-        if !agree(&by_channel, &chunks) {
+        let statistics = statistics.unwrap_or_default();
+        if !agree(&statistics.by_channel, &chunks) {
             let sentence = format!(
                 "the statistics in the summary at byte {base} count other messages of a channel than \
                  the message indexes: {ADVICE}"
@@ -272,20 +276,20 @@ impl Summary {
             return Err(refused(Reason::Empty, "the recording holds no messages"));
         }
         let used: BTreeSet<u32> = counts.map(|(channel, _)| *channel).collect();
-        for channel in used {
-            let known = u16::try_from(channel).ok().and_then(|channel| channels.get(&channel));
-            let typed = known.is_some_and(|(each, _)| {
+        let declared = |channel: &u32| {
+            let known = u16::try_from(*channel).ok().and_then(|channel| channels.get(&channel));
+            known.is_some_and(|(each, _)| {
                 each.schema_id == 0 || schemas.contains_key(&each.schema_id)
-            });
-            if !typed {
-                let sentence = format!(
-                    "the summary at byte {base} does not declare channel {channel}: {ADVICE}"
-                );
-                return Err(refused(Reason::NotIndexed, sentence));
-            }
+            })
+        };
+        if let Some(channel) = used.iter().find(|channel| !declared(channel)) {
+            let sentence =
+                format!("the summary at byte {base} does not declare channel {channel}: {ADVICE}");
+            return Err(refused(Reason::NotIndexed, sentence));
         }
         // A chunk without a message states times of nothing.
         chunks.retain(|chunk| chunk.counts.iter().any(|(_, count)| *count > 0));
+        check_times(statistics.times, &chunks, base)?;
         let mut declarations = vec![(0, head_end)];
         in_places(schemas.values().map(|(_, place)| *place), &mut declarations);
         in_places(channels.values().map(|(_, place)| *place), &mut declarations);
@@ -300,21 +304,39 @@ impl Summary {
     }
 }
 
-/// The messages of each channel, behind the statistics' other counts and times.
-fn counts_by_channel(mut fields: Fields<'_>) -> Result<BTreeMap<u32, u64>, Defect> {
-    fields.u16("how many schemas there are")?;
-    for _ in 0..4 {
-        fields.u32("how many records there are")?;
+impl Statistics {
+    fn read(bytes: &[u8], at: usize) -> Result<Self, Defect> {
+        let mut fields = Fields::new(bytes, at);
+        let messages = fields.u64("how many messages there are")?;
+        fields.u16("how many schemas there are")?;
+        for _ in 0..4 {
+            fields.u32("how many records there are")?;
+        }
+        let times = (fields.u64("the first time")?, fields.u64("the last time")?);
+        let entries = fields.bytes("the messages of each channel")?.chunks_exact(10);
+        let entry = |entry: &[u8]| {
+            let (channel, count) = entry.split_first_chunk()?;
+            let channel = u32::from(u16::from_le_bytes(*channel));
+            Some((channel, u64::from_le_bytes(*count.first_chunk()?)))
+        };
+        Ok(Self { messages, times, by_channel: entries.filter_map(entry).collect() })
     }
-    fields.u64("the first time")?;
-    fields.u64("the last time")?;
-    let entries = fields.bytes("the messages of each channel")?.chunks_exact(10);
-    let entry = |entry: &[u8]| {
-        let (channel, count) = entry.split_first_chunk()?;
-        let channel = u32::from(u16::from_le_bytes(*channel));
-        Some((channel, u64::from_le_bytes(*count.first_chunk()?)))
-    };
-    Ok(entries.filter_map(entry).collect())
+}
+
+/// Refuses chunks that state less time than the statistics: by the former messages would be in no
+/// fragment.
+fn check_times((first, last): (u64, u64), chunks: &[Span], base: u64) -> Result<(), Refusal> {
+    let starts = chunks.iter().map(|chunk| chunk.start_time);
+    let start = starts.min().unwrap_or_default();
+    let end = chunks.iter().map(|chunk| chunk.end_time).max().unwrap_or_default();
+    if (first == 0 || start <= first) && last <= end {
+        return Ok(());
+    }
+    let sentence = format!(
+        "the statistics in the summary at byte {base} state messages from {first} to {last} ns, and \
+         the chunk indexes from {start} to {end} ns: {ADVICE}"
+    );
+    Err(refused(Reason::Unreadable, sentence))
 }
 
 /// Whether the indexes name as many messages of each channel as the statistics count, if they do.

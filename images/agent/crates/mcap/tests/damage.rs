@@ -259,6 +259,38 @@ fn chunks_that_nobody_can_read_are_reported_and_the_rest_is_kept() {
     ]);
 }
 
+/// Where the contents of the chunks lie.
+fn chunks(bytes: &[u8]) -> Vec<usize> {
+    let (mut at, mut found) = (8, Vec::new());
+    while at + 9 < bytes.len() {
+        if bytes[at] == 6 {
+            found.push(at + 9);
+        }
+        at += 9 + u64::from_le_bytes(bytes[at + 1..at + 9].try_into().unwrap()) as usize;
+    }
+    found
+}
+
+#[test]
+fn messages_outside_of_the_times_that_their_chunk_states_are_reported() {
+    for compression in ALL {
+        let form = Form { compression, chunked: true, summary: true, index: true, crc: false };
+        let whole = theirs(form);
+        let last_of = |at: usize| u64::from_le_bytes(whole[at + 8..at + 16].try_into().unwrap());
+        // The first chunk has declarations alone.
+        let chunk = chunks(&whole).into_iter().find(|at| last_of(*at) > 0).unwrap();
+        let last = last_of(chunk);
+        let short = with(&whole, chunk + 8, &(last - 1).to_le_bytes());
+        let found = Mcap::open_scanned(short.clone(), Limits::default()).unwrap();
+        let loss = found.loss().unwrap().clone();
+        assert_eq!((loss.offset, loss.messages), (chunk as u64 - 9, Some(0)));
+        assert!(loss.description.contains(&format!("to {} ns in a chunk", last - 1)), "{loss:?}");
+        // A writer that states no times is believed.
+        let none = with(&whole, chunk, &[0; 16]);
+        assert!(Mcap::open_scanned(none, Limits::default()).unwrap().loss().is_none());
+    }
+}
+
 #[test]
 fn the_channels_of_a_type_share_its_definition() {
     let schema = |id: u8| {

@@ -227,13 +227,14 @@ fn an_index_that_contradicts_the_chunks_is_found() {
     let whole = theirs(form);
     let problems = |bytes: Vec<u8>| check(bytes, Limits::default()).unwrap().problems;
     // The first chunk has declarations alone.
-    let chunk = records(&whole, 6)[1] - 9;
-    for (field, byte, expected) in [
-        (0, 1, format!("the summary has wrong times for the chunk at byte {chunk}")),
-        (16, 1, format!("the message indexes of the chunk at byte {} lie", chunk + 1)),
+    let chunk = |nth: usize| records(&whole, 6)[nth] - 9;
+    for (nth, field, expected) in [
+        (1, 0, "the chunk indexes from 1700000000000000001 to".to_owned()),
+        (2, 0, format!("the summary has wrong times for the chunk at byte {}", chunk(2))),
+        (1, 16, format!("the message indexes of the chunk at byte {} lie", chunk(1) + 1)),
     ] {
         let mut bytes = whole.clone();
-        bytes[records(&whole, 8)[1] + field] += byte;
+        bytes[records(&whole, 8)[nth] + field] += 1;
         let found = problems(bytes).join("\n");
         assert!(found.contains(&expected), "{found}\n{expected}");
     }

@@ -203,6 +203,44 @@ fn a_chunk_that_the_summary_leaves_out_is_missed_with_statistics_and_without() {
     }
 }
 
+/// Where the content of the `nth` record of that opcode in the summary lies.
+fn content(bytes: &[u8], op: u8, nth: usize) -> usize {
+    let last = bytes.len() - FOOTER_BYTES as usize;
+    let (begin, end) = parse_footer(&bytes[last..], bytes.len() as u64).unwrap();
+    let mut at = begin as usize;
+    let mut found = Vec::new();
+    while at < end as usize {
+        if bytes[at] == op {
+            found.push(at + 9);
+        }
+        at += 9 + u64::from_le_bytes(*bytes[at + 1..].first_chunk().unwrap()) as usize;
+    }
+    found[nth]
+}
+
+#[test]
+fn chunk_indexes_that_leave_out_times_of_the_statistics_are_refused() {
+    let bytes = sample(unchecked());
+    let chunks = read(&bytes).unwrap().chunks.len();
+    for (nth, field, time, shown) in
+        [(0, 0, 1_001_u64, "from 1001 to 1790"), (chunks - 1, 8, 1_780, "from 1000 to 1780")]
+    {
+        let mut bytes = bytes.clone();
+        let at = content(&bytes, 0x08, nth) + field;
+        bytes[at..at + 8].copy_from_slice(&time.to_le_bytes());
+        let (reason, sentence) = refusal(&bytes);
+        assert_eq!(reason, Reason::Unreadable);
+        assert!(sentence.contains("state messages from 1000 to 1790 ns"), "{sentence}");
+        assert!(sentence.contains(shown), "{sentence}");
+    }
+    // Some writers leave the times out.
+    let mut silent = bytes;
+    let at = content(&silent, 0x0b, 0) + 26;
+    assert_eq!(silent[at..at + 8], 1_000_u64.to_le_bytes());
+    silent[at..at + 16].fill(0);
+    assert!(read(&silent).is_ok());
+}
+
 #[test]
 fn a_name_of_a_type_that_each_channel_would_have_a_copy_of_is_short() {
     let named = |length: usize| {

@@ -17,7 +17,8 @@ class Case:
     (offset, length) ranges of what declares its connections, `ranges` those of its chunks, in
     bytes. Cases of one `fragment` differ in their conditions alone. A case that is put together of
     `parts` reads these and no `bag`; its `bag_version` is the mark of them all. `bag` is a URI, or
-    a word without `://` where the source has no single recording.
+    a word without `://` where the source has no single recording. `stated` is a digest of the times
+    that the recording's index states of these chunks, where they state some themselves.
     """
 
     id: str
@@ -30,6 +31,7 @@ class Case:
     fragment: str = ""
     conditions: Conditions = field(default_factory=Conditions)
     parts: list[Part] = field(default_factory=list)
+    stated: str = ""
 
     @property
     def bytes(self) -> int:

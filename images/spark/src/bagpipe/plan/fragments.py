@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from bagpipe.plan.bag_tail import BagError, BagTail, Chunk
 from bagpipe.plan.by_time import ChunksByTime
 from bagpipe.plan.in_force import Latched
+from bagpipe.plan.stated_times import stated_by
 
 # A cut may move this share of the length to meet a chunk boundary, and no remainder shorter
 # than it becomes a fragment of its own.
@@ -38,12 +39,14 @@ class FragmentPlan:
     """One window and the (offset, length) byte ranges of the bag that it needs.
 
     `number` counts all windows of the bag, so that those behind an empty one keep their names.
+    `stated` is a digest of the times that the index states of its chunks, if they state some too.
     """
 
     window: Window
     ranges: list[tuple[int, int]]
     messages: int
     number: int = 0
+    stated: str = ""
 
 
 def cut(
@@ -192,7 +195,8 @@ class _Cutter:
         messages = sum(n for c in needed.values() for k, n in c.counts.items() if k in self._wanted)
         for chunk in self._in_force.chunks_at(window.lead_in_start):
             needed[chunk.offset] = chunk
-        return FragmentPlan(window, ranges_of(list(needed.values())), messages)
+        chunks = list(needed.values())
+        return FragmentPlan(window, ranges_of(chunks), messages, stated=stated_by(chunks))
 
 
 def ranges_of(chunks: list[Chunk]) -> list[tuple[int, int]]:

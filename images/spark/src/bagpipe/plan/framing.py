@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from functools import cache
 
 from bagpipe.plan.bag_tail import MAGIC
+from bagpipe.plan.stated_times import compared
 from bagpipe.recording_format import MCAP_MAGIC
 
 
@@ -22,11 +23,17 @@ def framing(ranges: Sequence[tuple[int, int]]) -> tuple[bytes, bytes]:
     return _bag_head(), b""
 
 
-def framed(ranges: Sequence[tuple[int, int]], pieces: Iterable[bytes]) -> Iterator[bytes]:
-    """The bytes of the ranges, which come in `pieces`, as a recording."""
+def framed(
+    ranges: Sequence[tuple[int, int]], pieces: Iterable[bytes], stated: str = ""
+) -> Iterator[bytes]:
+    """The bytes of the ranges, which come in `pieces`, as a recording.
+
+    `stated` is what the index states of their chunks' times (`stated_by`); empty: it is compared
+    with nothing. Raises BagError where they state others, before the recording is whole.
+    """
     head, end = framing(ranges)
     yield from filter(None, [head])
-    yield from pieces
+    yield from compared(pieces, stated) if stated else pieces
     yield from filter(None, [end])
 
 

@@ -10,7 +10,8 @@ class Part:
     """A window of one bag, in the bag's own times, in ns; `at` is its start in the case's time.
 
     `version` is the file's mark when it was planned; `topics` are those to be played (none: all);
-    `connections` and `ranges` are (offset, length) in bytes, as a case has them.
+    `connections` and `ranges` are (offset, length) in bytes, and `stated` is what the index states
+    of their times, as a case has them.
     """
 
     bag: str
@@ -21,6 +22,7 @@ class Part:
     connections: list[tuple[int, int]]
     ranges: list[tuple[int, int]]
     messages: int
+    stated: str = ""
 
     @property
     def shift(self) -> int:

@@ -92,6 +92,7 @@ class PartPlanner:
             connections=tail.declarations,
             ranges=found.ranges,
             messages=found.messages,
+            stated=found.stated,
         )
 
     def _tail(self, uri: str) -> tuple[BagTail, str]:

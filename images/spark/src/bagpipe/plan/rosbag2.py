@@ -32,6 +32,7 @@ from bagpipe.plan.fragments import FragmentPlan, Window, ranges_of
 from bagpipe.plan.framing import framed
 from bagpipe.plan.in_force import Late
 from bagpipe.plan.part import Part
+from bagpipe.plan.stated_times import stated_by
 from bagpipe.storage import OpenFile, Storage, StorageError
 from bagpipe.storage.globs import fixed_folder, is_of_one_folder, is_pattern, matcher
 
@@ -236,6 +237,7 @@ class Rosbag2:
             connections=file.tail.declarations if by_ranges else [],
             ranges=ranges_of(chunks) if by_ranges else [(0, file.file.size)],
             messages=sum(n for c in near for k, n in c.counts.items() if k in wanted),
+            stated=stated_by(chunks) if by_ranges else "",
         )
 
     def _channels(self, tail: BagTail) -> dict[int, int]:
@@ -382,7 +384,8 @@ def _bytes_of(part: Part, storage: Storage) -> bytes:
             " fragments",
         )
     sources = part.connections + part.ranges
-    return b"".join(framed(sources, storage.pieces(part.bag, sources, _PIECE_BYTES, part.version)))
+    pieces = storage.pieces(part.bag, sources, _PIECE_BYTES, part.version)
+    return b"".join(framed(sources, pieces, part.stated))
 
 
 def _parsed(parser: str, *arguments: Any) -> Any:

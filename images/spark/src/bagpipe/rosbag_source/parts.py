@@ -24,7 +24,7 @@ def opened(uri: str, parts: Sequence[Part], storage: Storage) -> Any:
                 raise BagError("BagUnreadable", "the fragment is above 1 GiB: choose shorter ones")
             sources = part.connections + part.ranges
             pieces = storage.pieces(uri, sources, _PIECE_BYTES, part.version)
-            data = b"".join(framed(sources, pieces))
+            data = b"".join(framed(sources, pieces, part.stated))
         mcap = native("MemoryMcap", "reading MCAP")(data, decompressed_bytes=MOST_FRAGMENT_BYTES)
     except (BagError, ValueError) as error:
         raise StorageError(f"{uri}: {error}") from error

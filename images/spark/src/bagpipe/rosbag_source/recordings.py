@@ -38,6 +38,7 @@ class McapFile:
             connections=self.tail.declarations,
             ranges=fragment.ranges,
             messages=fragment.messages,
+            stated=fragment.stated,
         )
         return [part]
 

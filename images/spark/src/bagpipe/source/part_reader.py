@@ -9,7 +9,7 @@ from typing import Any
 import bagpipe
 from bagpipe.encodings import ROS1
 from bagpipe.native import native
-from bagpipe.plan.bag_tail import resolve
+from bagpipe.plan.bag_tail import BagError, resolve
 from bagpipe.plan.framing import framed
 from bagpipe.plan.part import Part
 from bagpipe.source.stamps import StampError, moved
@@ -42,10 +42,10 @@ class PartReader:
             raise _unreadable(part, f"the piece has {part.bytes} bytes, above 1 GiB: cut it")
         ranges = part.connections + part.ranges
         pieces = storage.pieces(part.bag, ranges, MAX_PAYLOAD_BYTES, part.version)
-        data = b"".join(framed(ranges, pieces))
         try:
+            data = b"".join(framed(ranges, pieces, part.stated))
             self._bag = in_memory(data, encoding, part.topics or None)
-        except ValueError as error:
+        except (BagError, ValueError) as error:
             raise _unreadable(part, str(error)) from error
         alike: Counter[str] = Counter()
         self._publishers: dict[int, tuple[str, str | int]] = {}

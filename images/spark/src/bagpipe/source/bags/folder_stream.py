@@ -10,7 +10,6 @@ from bagpipe.native import native
 from bagpipe.plan.bag_tail import BagError, resolve
 from bagpipe.plan.case import Case
 from bagpipe.plan.fragments import cut_one
-from bagpipe.plan.framing import framed, framing
 from bagpipe.plan.in_force import Late
 from bagpipe.plan.part import Part
 from bagpipe.plan.rosbag2 import (
@@ -19,8 +18,9 @@ from bagpipe.plan.rosbag2 import (
     joined,
     read_metadata,
 )
+from bagpipe.source.bags.stream import part_file
 from bagpipe.storage import Storage
-from bagpipe.wire.frames import MAX_PAYLOAD_BYTES, payloads
+from bagpipe.wire.frames import payloads
 from bagpipe.wire.session import InputFile, SessionError
 
 
@@ -31,7 +31,7 @@ def folder_file(case: Case, storage: Storage, late: Mapping[str, Late]) -> Input
     """
     metadata = _metadata(case, storage)
     if len(case.parts) == 1 and metadata.as_stored:
-        return _as_stored(case.parts[0], storage)
+        return part_file(case.parts[0], storage)
     made = _joined(case.parts, metadata, storage, late)
     return InputFile(case.bag, len(made), [], lambda: payloads(made))
 
@@ -68,21 +68,6 @@ def _metadata(case: Case, storage: Storage) -> Metadata:
         return read_metadata(case.bag, storage)
     except BagError as error:
         raise SessionError("BagUnreadable", f"{case.bag}: {error}") from error
-
-
-def _as_stored(part: Part, storage: Storage) -> InputFile:
-    sources = part.connections + part.ranges
-    _, end = framing(sources)
-    ranges, at = [], 0
-    for offset, length in sources:
-        ranges.append((at, offset, length))
-        at += length
-    return InputFile(
-        part.bag,
-        at + len(end),
-        ranges,
-        lambda: framed(sources, storage.pieces(part.bag, sources, MAX_PAYLOAD_BYTES, part.version)),
-    )
 
 
 def _joined(

@@ -42,6 +42,7 @@ class OneFile:
             connections=self.tail.declarations,
             ranges=fragment.ranges,
             messages=fragment.messages,
+            stated=fragment.stated,
         )
 
 

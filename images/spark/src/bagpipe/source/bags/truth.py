@@ -4,6 +4,7 @@ from bagpipe.plan.bag_tail import read_tail
 from bagpipe.plan.case import Case
 from bagpipe.plan.fragments import near
 from bagpipe.plan.framing import framed
+from bagpipe.plan.stated_times import stated_by
 from bagpipe.storage import Storage
 from bagpipe.wire.frames import MAX_PAYLOAD_BYTES
 
@@ -13,9 +14,7 @@ def chunks_with(topics: set[str], case: Case, storage: Storage) -> bytes:
     file = storage.open(case.bag)
     tail = read_tail(file.read, file.size)
     wanted = {c.id for c in tail.connections if c.topic in topics}
-    ranges = tail.declarations + [
-        (chunk.offset, chunk.end - chunk.offset)
-        for chunk in near(tail, wanted, case.window.start, case.window.end)
-    ]
+    chunks = near(tail, wanted, case.window.start, case.window.end)
+    ranges = tail.declarations + [(chunk.offset, chunk.end - chunk.offset) for chunk in chunks]
     pieces = storage.pieces(case.bag, ranges, MAX_PAYLOAD_BYTES, case.bag_version)
-    return b"".join(framed(ranges, pieces))
+    return b"".join(framed(ranges, pieces, stated_by(chunks)))
