@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::{Connection, Loss};
+use crate::{Connection, Loss, another_type};
 
 /// What a look at every record has found.
 #[derive(Debug)]
@@ -25,17 +25,24 @@ impl Checked {
 /// A sentence for each connection of another type than its topic's first one has: no subscriber
 /// can take all messages of such a topic.
 pub fn mixed_types(connections: &[Connection]) -> Vec<String> {
-    let mut types: BTreeMap<&str, (&str, &str)> = BTreeMap::new();
+    let mut types: BTreeMap<&str, &Connection> = BTreeMap::new();
     let mut problems = Vec::new();
-    let shown = |(datatype, md5sum): (&str, &str)| {
-        if md5sum.is_empty() { datatype.to_owned() } else { format!("{datatype} ({md5sum})") }
-    };
     for each in connections {
-        let found = (&*each.datatype, &*each.md5sum);
-        let first = *types.entry(&each.topic).or_insert(found);
-        if first != found {
-            problems.push(format!("topic {} is {} and {}", each.topic, shown(first), shown(found)));
+        let first = *types.entry(&each.topic).or_insert(each);
+        if let Some([one, other]) = another_type(type_of(first), type_of(each)) {
+            let topic = &each.topic;
+            let (one, other) = (shown(first, &one), shown(each, &other));
+            problems.push(format!("topic {topic} is {one} and {other}"));
         }
     }
     problems
+}
+
+fn type_of(connection: &Connection) -> [&str; 3] {
+    [&connection.datatype, &connection.md5sum, &connection.definition]
+}
+
+fn shown(connection: &Connection, what: &str) -> String {
+    let datatype = &connection.datatype;
+    if what.is_empty() { datatype.clone() } else { format!("{datatype} ({what})") }
 }

@@ -8,6 +8,7 @@
 
 mod checked;
 mod copy;
+mod definition;
 mod error;
 mod in_force;
 mod index;
@@ -19,6 +20,7 @@ mod writing;
 
 pub use checked::{Checked, mixed_types};
 pub use copy::copy;
+pub use definition::{another_type, different_field};
 pub use error::RecordingError;
 pub use in_force::{
     LatchedState, Latcher, Late, MOST_IN_FORCE, TRANSFORMS_IN_FORCE, latched_depths, latchers,

@@ -262,6 +262,16 @@ fn a_topic_of_two_types_is_a_problem() {
     }
     let found = check(writer.finish().unwrap(), Limits::default()).unwrap();
     assert_eq!(found.problems, ["topic /a is std_msgs/msg/String and a/msg/B"]);
+    let mut writer = McapWriter::new(options(1000));
+    let other = Connection { definition: "int8 data\n".into(), ..connection("/a") };
+    for (time, each) in [(1, connection("/a")), (2, other)] {
+        let id = writer.add_connection(&each);
+        writer.write(id, time, b"data").unwrap();
+    }
+    let found = check(writer.finish().unwrap(), Limits::default()).unwrap();
+    let of = |field: &str| format!("std_msgs/msg/String (field 1 of std_msgs/String: {field})");
+    let both = format!("topic /a is {} and {}", of("string data"), of("int8 data"));
+    assert_eq!(found.problems, [both]);
 }
 
 #[test]

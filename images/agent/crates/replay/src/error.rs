@@ -63,9 +63,9 @@ pub enum ReplayError {
     TwoTypes {
         /// The topic.
         topic: String,
-        /// Type and md5sum of one.
+        /// Type of one, with its md5sum or, where there is none, the first field that differs.
         first: String,
-        /// Type and md5sum of the other.
+        /// The same of the other.
         second: String,
     },
     /// A topic's messages are none that the graph's nodes can read.

@@ -5,11 +5,14 @@ use std::ops::Range;
 
 use bagpipe_graph::TopicInfo;
 use bagpipe_log::{
-    Connection, LatchedState, Latcher, Late, Message, Recording, Timeline, latchers,
+    Connection, LatchedState, Latcher, Late, Message, Recording, Timeline, another_type, latchers,
 };
 
 use crate::names::resolved;
 use crate::{ReplayError, ReplayRequest};
+
+/// A publisher's profile of which nothing is known.
+const UNKNOWN_PROFILE: &str = "- {}\n";
 
 /// What to play.
 pub(crate) struct Plan<'a> {
@@ -148,6 +151,7 @@ impl Draft {
     /// play: their own ones if the bag is `alone`.
     fn add(&mut self, bag: &dyn Recording, alone: bool) -> Result<HashMap<u32, u32>, ReplayError> {
         let mut numbers = HashMap::new();
+        let mut offered: HashMap<usize, Offered> = HashMap::new();
         let mut latchers = latchers(bag.connections());
         for connection in bag.connections() {
             let late = self.late.get(&resolved(&connection.topic)).copied().unwrap_or_default();
@@ -156,6 +160,7 @@ impl Draft {
             for name in self.names.published_as(&connection.topic) {
                 let at = place(&mut self.topics, &mut self.places, &name, connection)?;
                 self.topics[at].latching |= in_force > 0;
+                offered.entry(at).or_default().add(connection.offered_qos.as_deref());
                 topics.push(at);
             }
             if topics.is_empty() {
@@ -169,6 +174,9 @@ impl Draft {
                 self.latching.insert(number, (latcher, in_force));
             }
             self.routes.insert(number, Route { topics, caller_id, latching: in_force > 0 });
+        }
+        for (at, offered) in offered {
+            offered.join(&mut self.topics[at].offered_qos);
         }
         Ok(numbers)
     }
@@ -197,20 +205,53 @@ fn place(
             md5sum: connection.md5sum.clone(),
             definition: connection.definition.clone(),
             latching: false,
-            offered_qos: connection.offered_qos.clone(),
+            offered_qos: None,
         });
         places.insert(name.to_owned(), topics.len() - 1);
         return Ok(topics.len() - 1);
     };
     let topic = &topics[at];
-    if topic.md5sum != connection.md5sum || topic.datatype != connection.datatype {
-        return Err(ReplayError::TwoTypes {
+    let known = [&*topic.datatype, &topic.md5sum, &topic.definition];
+    let found = [&*connection.datatype, &connection.md5sum, &connection.definition];
+    match another_type(known, found) {
+        None => Ok(at),
+        Some([one, other]) => Err(ReplayError::TwoTypes {
             topic: connection.topic.clone(),
-            first: format!("{} ({})", topic.datatype, topic.md5sum),
-            second: format!("{} ({})", connection.datatype, connection.md5sum),
-        });
+            first: format!("{} ({one})", topic.datatype),
+            second: format!("{} ({other})", connection.datatype),
+        }),
     }
-    Ok(at)
+}
+
+/// The profiles of a topic's publishers in one bag, of which each channel has some.
+#[derive(Default)]
+struct Offered {
+    profiles: String,
+    /// Whether a channel has none, so that its publishers are not known.
+    unknown: bool,
+}
+
+impl Offered {
+    fn add(&mut self, profiles: Option<&str>) {
+        match profiles.map(str::trim_end).unwrap_or_default() {
+            "" | "[]" => self.unknown = true,
+            known => {
+                self.profiles.push_str(known);
+                self.profiles.push('\n');
+            }
+        }
+    }
+
+    /// Adds them to those of other bags, of which most have the same.
+    fn join(mut self, all: &mut Option<String>) {
+        if self.unknown && !self.profiles.is_empty() {
+            self.profiles.push_str(UNKNOWN_PROFILE);
+        }
+        let known = all.get_or_insert_default();
+        if !known.contains(&self.profiles) {
+            known.push_str(&self.profiles);
+        }
+    }
 }
 
 /// What is latched and in force before `end`, in the timeline's order. `latching` has the

@@ -3,6 +3,9 @@
 use std::collections::{BTreeSet, VecDeque};
 use std::path::{Path, PathBuf};
 
+use bagpipe_graph::TopicInfo;
+use bagpipe_log::different_field;
+
 /// Types of one definition: more are no message's.
 const MOST_TYPES: usize = 1000;
 /// Bytes of one file: a longer one is no message's.
@@ -35,6 +38,18 @@ pub(crate) fn installed(datatype: &str, prefixes: &[PathBuf]) -> Option<String> 
         text.push_str(&format!("\n{LINE}\nMSG: {name}\n{own}"));
     }
     Some(text)
+}
+
+/// Why nodes would read a topic's messages as something else, where both the topic and the prefixes
+/// have the type's definition: ROS 2 itself compares names of types alone.
+pub(crate) fn otherwise_installed(info: &TopicInfo, prefixes: &[PathBuf]) -> Option<String> {
+    let TopicInfo { topic, datatype, definition, .. } = info;
+    let own = installed(datatype, prefixes)?;
+    let [recorded, own] = different_field(datatype, definition, &own)?;
+    Some(format!(
+        "{topic} has messages of {datatype} with {recorded}, and the stack's packages have it with \
+         {own}: build the stack with the recording's message definition, or leave the topic out"
+    ))
 }
 
 /// `sensor_msgs/Imu` of `sensor_msgs/msg/Imu`; `None` of what is no message's name.
@@ -123,6 +138,33 @@ mod tests {
         assert_eq!(names, ["std_msgs/Header", "a/Mid", "builtin_interfaces/Time", "b/Low"]);
         assert!(text.starts_with("std_msgs/Header header\n"));
         assert_eq!(text.matches(LINE).count(), 4);
+    }
+
+    #[test]
+    fn a_type_that_has_changed_since_the_recording_is_named_with_both_fields() {
+        let prefix = Prefix::new("changed");
+        prefix.has("a", "Speed", "# In m/s.\nstd_msgs/Header header\nfloat64 speed\n");
+        prefix.has("std_msgs", "Header", "string frame_id\n");
+        let of = |definition: &str| {
+            let (topic, datatype) = ("/speed".to_owned(), "a/msg/Speed".to_owned());
+            let info = TopicInfo {
+                topic,
+                datatype,
+                definition: definition.into(),
+                ..TopicInfo::default()
+            };
+            otherwise_installed(&info, std::slice::from_ref(&prefix.0))
+        };
+        for alike in ["", "std_msgs/Header header\nfloat64 speed 1.0\n===\nMSG: b/Other\nint8 x\n"]
+        {
+            assert_eq!(of(alike), None);
+        }
+        let why = of("std_msgs/Header header\nfloat32 speed\n").unwrap();
+        let fields = "with field 2 of a/Speed: float32 speed, and the stack's packages have it with \
+                      field 2 of a/Speed: float64 speed";
+        assert!(why.starts_with("/speed has messages of a/msg/Speed ") && why.contains(fields));
+        let nested = "std_msgs/Header header\nfloat64 speed\n===\nMSG: std_msgs/Header\nint8 x\n";
+        assert!(of(nested).unwrap().contains("field 1 of std_msgs/Header: int8 x"));
     }
 
     #[test]

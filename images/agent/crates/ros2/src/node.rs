@@ -14,7 +14,7 @@ use bagpipe_ros2ledger::{Endpoint, Kind, Ledger, Unlisted};
 use bagpipe_ros2player::{GraphNode, Player, Qos, Reliability};
 
 use crate::audit::Reader;
-use crate::definition::installed;
+use crate::definition::{installed, otherwise_installed};
 use crate::error::failed;
 use crate::recording::{Input, Inputs, Receiving};
 use crate::seen::{namesakes, state};
@@ -318,14 +318,15 @@ impl Node for Graph {
     }
 
     fn advertise(&self, info: TopicInfo) -> Result<Arc<dyn Publication>, GraphError> {
+        let otherwise = otherwise_installed(&info, &self.prefixes);
         let wanted = self.qos.get(&info.topic).copied().unwrap_or_default();
         let mut played = qos::played(&info, wanted);
         if info.topic == "/clock" && wanted.reliability.is_none() {
             played.reliability = Reliability::Reliable;
         }
         let publisher = self.means.player.advertise(&info.topic, &info.datatype, &played);
-        let topic = Topic::new(Arc::clone(&self.means), info, publisher.map_err(failed)?, played);
-        let topic = Arc::new(topic);
+        let (means, publisher) = (Arc::clone(&self.means), publisher.map_err(failed)?);
+        let topic = Arc::new(Topic::new(means, info, publisher, played, otherwise));
         self.topics().push(Arc::clone(&topic));
         Ok(topic)
     }
@@ -446,6 +447,8 @@ impl Node for Graph {
         }
         let mut lacking = Vec::new();
         lacking.extend(self.inputs.failure());
+        // Who came behind the last message has got those that are kept.
+        lacking.extend(self.topics().iter().filter_map(|topic| topic.misread().map(str::to_owned)));
         for (input, due) in &due {
             lacking.extend(input.unrecordable().iter().cloned());
             let (handed, published) = (input.arrivals.handed(), input.account().published());

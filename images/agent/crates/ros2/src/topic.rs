@@ -50,6 +50,8 @@ pub(crate) struct Topic {
     info: TopicInfo,
     publisher: PublisherId,
     qos: Qos,
+    /// Why its subscribers would read its messages as something else, if they would.
+    otherwise: Option<String>,
     links: RwLock<Arc<Vec<Arc<Link>>>>,
     /// Subscriptions that have not matched yet: since when they are known.
     strangers: Mutex<BTreeMap<Owner, Instant>>,
@@ -161,12 +163,14 @@ impl Topic {
         info: TopicInfo,
         publisher: PublisherId,
         qos: Qos,
+        otherwise: Option<String>,
     ) -> Topic {
         Topic {
             means,
             info,
             publisher,
             qos,
+            otherwise,
             links: RwLock::default(),
             strangers: Mutex::default(),
             departed: Mutex::default(),
@@ -175,6 +179,12 @@ impl Topic {
             listed: AtomicUsize::new(0),
             others: Mutex::default(),
         }
+    }
+
+    /// Why it can't be sent: somebody is there who would read it as something else.
+    pub(crate) fn misread(&self) -> Option<&str> {
+        let otherwise = self.otherwise.as_deref()?;
+        self.links().iter().any(|link| link.is_open()).then_some(otherwise)
     }
 
     /// Takes in the nodes that publish it beside us.
@@ -551,6 +561,9 @@ impl Outlet for Topic {
         for frame in frames {
             let message = frame.get(4..).unwrap_or_default();
             self.meet(cancelled)?;
+            if let Some(why) = self.misread() {
+                return Err(SendError::Failed { reason: "BagUnreadable", what: why.to_owned() });
+            }
             match (self.means.paced_by, share) {
                 (PacedBy::Subscribers, _) => self.await_room(message.len() as u64, cancelled)?,
                 (PacedBy::Schedule, Share::LeadIn) => self.await_first(message, cancelled)?,

@@ -14,10 +14,11 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use bagpipe_graph::{Incoming, Middleware as _, Node, NodeOptions, PacedBy, Sink};
+use bagpipe_log::Connection;
 use bagpipe_replay::{AnswerBy, Mode, Progress, Stage, Strength};
 use bagpipe_ros2::Ros2;
 use bagpipe_ros2player::{GraphNode, Player, PlayerOptions};
-use scene::{Ask, DEFAULT, MS, RELAY, Scene, recorded, recording};
+use scene::{Ask, DEFAULT, MS, RELAY, Scene, imu, recorded, recording, recording_of};
 use standin::{LONG, Node as Process, eventually};
 
 /// The same with a queue that no pause of the machine fills in real time.
@@ -232,6 +233,27 @@ fn who_asks_for_more_than_was_recorded_is_named() {
         sentence.contains("/late subscribes to /in, but it wants what was published"),
         "{sentence}"
     );
+}
+
+#[test]
+fn a_type_that_the_stack_has_with_other_fields_is_played_to_nobody() {
+    let play = |definition: &str| {
+        let scene = Scene::new();
+        let sub = ["--name", "/reader", "--sub", "/in:std_msgs/msg/String:10:reliable"];
+        let _reader = scene.start("standin_node", &sub);
+        scene.await_subscriptions(1);
+        let (datatype, definition) = ("std_msgs/msg/String".to_owned(), definition.into());
+        let channel = Connection { datatype, definition, ..imu("/in") };
+        let ask = Ask { record: &["/none"], ..Ask::default() };
+        scene.play(&recording_of(&channel, 20, 100), &ask)
+    };
+    assert_eq!(play("# A text.\nstring data\n").unwrap().ledger.received, 20);
+    let error = play("uint64 data\n").err().unwrap();
+    assert_eq!(error.reason(), "BagUnreadable");
+    let sentence = error.to_string();
+    let fields = "field 1 of std_msgs/String: uint64 data, and the stack's packages have it with \
+                  field 1 of std_msgs/String: string data";
+    assert!(sentence.contains(fields), "{sentence}");
 }
 
 #[test]

@@ -3,6 +3,7 @@
 
 #[path = "../../tests/scene/bags.rs"]
 mod bags;
+mod channels;
 mod deadlines;
 mod drain;
 mod formats;

@@ -61,10 +61,20 @@ pub fn stamped(time: u64, number: u64, length: usize) -> Vec<u8> {
 
 /// Messages on each of these topics, a millisecond after the other, round and round.
 pub fn recording(topics: &[&str], messages: u64, length: usize) -> Mcap {
+    let all: Vec<Connection> = topics.iter().map(|topic| imu(topic)).collect();
+    recorded_as(&all, messages, length)
+}
+
+/// The same of one channel.
+pub fn recording_of(channel: &Connection, messages: u64, length: usize) -> Mcap {
+    recorded_as(std::slice::from_ref(channel), messages, length)
+}
+
+fn recorded_as(channels: &[Connection], messages: u64, length: usize) -> Mcap {
     let mut writer = McapWriter::new(WriterOptions::default());
-    let ids: Vec<u32> = topics
+    let ids: Vec<u32> = channels
         .iter()
-        .map(|topic| RecordingWriter::add_connection(&mut writer, &imu(topic)))
+        .map(|channel| RecordingWriter::add_connection(&mut writer, channel))
         .collect();
     for number in 0..messages {
         let (time, id) = ((1000 + number) * MS, ids[number as usize % ids.len()]);
