@@ -1,6 +1,7 @@
 """How a driver ends whose cases were not all run: what is kept, and what it says of it."""
 
 import json
+import signal
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -23,6 +24,7 @@ from bagpipe.run.case_run import Row, RunContext
 from bagpipe.spec import JobFile
 from bagpipe.storage import Storage
 from tests.unit.bagpipe.jobs import make_job, make_row
+from tests.unit.bagpipe.places import By, nothing
 
 CASES = [
     Case(name, "pvc://recordings/a.bag", "9-1", Window(10, 20, 30), [], [(0, 9)], 1)
@@ -173,3 +175,19 @@ def test_a_keeper_that_fails_ends_the_job_with_its_error(
 def test_an_unknown_number_of_running_cases_is_no_trouble() -> None:
     spark: Any = FakeSpark(Py4JError("busy"), lambda: True)
     assert active_tasks(spark) == 0
+
+
+def test_an_interruption_whose_exception_was_lost_runs_no_case(tmp_path: Path) -> None:
+    """SIGTERM came in a callback of an import, which takes for itself what a handler raises."""
+    interruption = driver.Interruption()
+    with pytest.raises(SystemExit):
+        interruption(signal.SIGTERM, None)
+
+    class Planned(By):
+        def planned(self, job: JobFile, storage: Storage) -> Plan:  # noqa: ARG002
+            return Plan(CASES, [])
+
+    job = make_job({"results": str(tmp_path)})
+    with pytest.raises(SystemExit) as ended:
+        driver.run(job, Progress("r"), Planned(nothing), interruption)
+    assert ended.value.code == 143

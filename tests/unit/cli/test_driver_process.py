@@ -188,6 +188,26 @@ def test_one_that_has_its_words_ends_with_who_started_it(tmp_path: Path) -> None
             os.kill(pid, signal.SIGKILL)
 
 
+# SIGTERM comes in a callback, which takes for itself what the handler raises, as imports have some.
+IN_A_CALLBACK = (
+    "import os, runpy, signal\n"
+    "from bagpipe.driver import slot_server\n"
+    "class Gone:\n"
+    "    def __del__(self):\n"
+    "        os.kill(os.getpid(), signal.SIGTERM)\n"
+    "slot_server.start = lambda: (Gone(), None)[1]\n"
+    "runpy.run_module('bagpipe.driver.local', run_name='__main__')\n"
+)
+
+
+def test_one_that_is_ended_while_it_imports_ends(
+    monkeypatch: pytest.MonkeyPatch, waiting: list[Waiting]
+) -> None:
+    monkeypatch.setattr(driver_process, "_PROGRAM", [sys.executable, "-c", IN_A_CALLBACK])
+    driver_process.begin()
+    assert waiting[0][0].wait(PATIENCE) == 128 + signal.SIGTERM
+
+
 @pytest.mark.parametrize(
     ("words", "begun"),
     [(["run", "--help"], 0), (["run"], 0), (["list"], 0), (["run", "no.yaml"], 1)],

@@ -66,6 +66,12 @@ class Interruption:
         # What ends the wait for another job, while no job runs.
         self.waiting: Callable[[], None] | None = None
 
+    def keep(self, keeper: Keeper) -> None:
+        """There are rows to keep from now on."""
+        self.keeper = keeper
+        if self.came:  # and what the handler raised was lost, as in a callback of an import
+            keeper.interrupt()
+
     def __call__(self, _signal: int, _frame: FrameType | None) -> None:
         """The signal's handler; before there are rows to keep, the driver ends at once."""
         self.came = True
@@ -161,7 +167,7 @@ def run(
             counted=counted, quarantine=quarantine,
         )  # fmt: skip
         if interruption is not None:
-            interruption.keeper = keeper
+            interruption.keep(keeper)
         if manifest := _taken_away(keeper, planned, results):
             return _adopted(results, manifest, journal, progress)
         if job.resume is not None:

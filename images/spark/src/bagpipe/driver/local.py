@@ -13,11 +13,19 @@ if __name__ == "__main__":
     from bagpipe.driver import slot_server
     from bagpipe.driver.streams import awaited, own_stdout
 
+    asked: list[int] = []
+
+    def end(number: int, _frame: object) -> None:
+        asked.append(number)
+        sys.exit(128 + number)
+
     # Who started it may end before it has words: what the server made is removed as well.
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
+    signal.signal(signal.SIGTERM, end)
     stdout = own_stdout()
     slot_server.start()
 
     from bagpipe.driver.this_machine import main
 
+    if asked:  # where an import takes a callback's exception for itself
+        sys.exit(128 + asked[0])
     sys.exit(main(stdout, awaited(sys.stdin.buffer)))
