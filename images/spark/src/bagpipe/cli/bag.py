@@ -8,7 +8,6 @@ from typing import Any
 
 import click
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
 from bagpipe.cli.bag_here import Elsewhere, Written, kind_of, merged, recording_at
@@ -21,6 +20,7 @@ from bagpipe.cli.places import (
     uri_of,
     volume_option,
 )
+from bagpipe.cli.terminal import unstyled
 from bagpipe.plan.bag_tail import BagError, read_tail
 from bagpipe.storage import Storage, StorageError
 
@@ -352,14 +352,14 @@ def _print(found: Any, output: str, show: Callable[[Any, Console], None]) -> Non
 
 def _show_info(found: dict[str, Any], console: Console) -> None:
     for name, value in _lines(found):
-        console.print(f"{name:<12}{escape(value)}", highlight=False, soft_wrap=True)
+        console.print(f"{name:<12}{unstyled(value)}", highlight=False, soft_wrap=True)
     console.print()
     table = Table(box=None, header_style="bold")
     table.add_column("Topic", overflow="fold")
     table.add_column("Messages", justify="right")
     table.add_column("Type", overflow="fold")
     for row in found["topics"]:
-        table.add_row(escape(row["topic"]), f"{row['messages']:,}", escape(row["type"]))
+        table.add_row(unstyled(row["topic"]), f"{row['messages']:,}", unstyled(row["type"]))
     console.print(table)
 
 
@@ -395,10 +395,11 @@ def _lost(damage: dict[str, Any]) -> str:
 
 
 def _show_written(found: dict[str, Any], console: Console) -> None:
-    text = f"{found['bag']}: {found['messages']:,} messages, {found['bytes']:,} bytes"
+    lines = [f"{found['bag']}: {found['messages']:,} messages, {found['bytes']:,} bytes"]
     if found.get("damage"):
-        text += f"\nlost of the old one: {_lost(found['damage'])}"
-    console.print(text, markup=False, highlight=False, soft_wrap=True)
+        lines.append(f"lost of the old one: {_lost(found['damage'])}")
+    for text in lines:
+        console.print(unstyled(text), highlight=False, soft_wrap=True)
 
 
 def _show_checked(found: list[dict[str, Any]], console: Console) -> None:
@@ -407,9 +408,9 @@ def _show_checked(found: list[dict[str, Any]], console: Console) -> None:
         state = each["state"]
         count = "" if each["messages"] is None else f", {each['messages']:,} whole messages"
         console.print(
-            f"[{colours[state]}]{state}[/]  {escape(each['bag'])}{count}",
+            f"[{colours[state]}]{state}[/]  {unstyled(each['bag'])}{count}",
             highlight=False,
             soft_wrap=True,
         )
         for problem in each["problems"]:
-            console.print(f"  {escape(problem)}", highlight=False, soft_wrap=True)
+            console.print(f"  {unstyled(problem)}", highlight=False, soft_wrap=True)

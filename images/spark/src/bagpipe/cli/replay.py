@@ -11,7 +11,7 @@ from rich.console import Console
 from bagpipe.cli.cluster.place import Place, place_options, results_option
 from bagpipe.cli.cluster.results_of import results_of
 from bagpipe.cli.places import RefusedError, folders, output_option, print_as, volume_option
-from bagpipe.cli.terminal import unstyled
+from bagpipe.cli.terminal import plain, unstyled
 from bagpipe.engine.chosen import engine_of
 from bagpipe.matrix.faults import MatrixError
 from bagpipe.plan.case import Case
@@ -123,10 +123,10 @@ def _run(
 
 
 def _explain(case: Case, spec: SimulationJobSpec, storage: Storage, bag: Path) -> None:
-    click.echo(f"{bag} has the case's part of {case.bag}.")
+    click.echo(plain(f"{bag} has the case's part of {case.bag}."))
     engine = engine_of(spec.stack.engine)
     for line in engine.by_hand(case, spec, source_of(spec), storage, bag):
-        click.echo(line)
+        click.echo(plain(line))
 
 
 def _show(before: Row, again: dict[str, Any], fragment: Path) -> None:

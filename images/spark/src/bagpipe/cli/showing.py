@@ -4,10 +4,10 @@ import time
 from collections.abc import Callable
 
 from rich.console import Console
-from rich.markup import escape
 
 from bagpipe.cli.pace import Pace, done_of, line
 from bagpipe.cli.running import ENDED, ProgressReport
+from bagpipe.cli.terminal import unstyled
 
 _LINE_SECONDS = 5.0
 
@@ -56,9 +56,9 @@ class Showing:
             self._pace.look(now, done_of(progress))
         text = line(progress, self._pace)
         if self._console.is_terminal:
-            self._status.update(escape(text))
+            self._status.update(unstyled(text))
             return
         before, at = self._shown
         if text != before and (now - at >= _LINE_SECONDS or progress["phase"] in ENDED):
             self._shown = (text, now)
-            self._console.print(text, markup=False, highlight=False, soft_wrap=True)
+            self._console.print(unstyled(text), highlight=False, soft_wrap=True)
