@@ -14,6 +14,7 @@ OLD_HEADER = "roslib/msg/Header"
 # rosbags writes a line of Python for each element of a fixed array of messages or texts.
 MOST_ELEMENTS = 4096
 _TEXTS = ("string", "wstring")
+_OF_ROS_2 = ("ros2msg", "ros2idl")
 
 
 def full_name(kind: str) -> str:
@@ -32,7 +33,7 @@ def types_in(kind: str, definition: str, schema_encoding: str) -> dict[str, Any]
     else:
         found = dict(get_types_from_msg(definition, full_name(kind)))
     _refuse_costly(found)
-    if schema_encoding.startswith("ros2"):
+    if schema_encoding in _OF_ROS_2:
         found = {name: (consts, _octets(fields)) for name, (consts, fields) in found.items()}
     if OLD_HEADER in found:
         found.setdefault(HEADER, found[OLD_HEADER])

@@ -64,7 +64,7 @@ def driver(words: Sequence[str], log: Path, seconds: float) -> Iterator[Process]
 def _add_early(early: BinaryIO, log: Path) -> None:
     """Has a log that a driver never wrote to say why."""
     with early, contextlib.suppress(OSError), log.open("ab") as file:
-        if file.tell() == 0:
+        if os.fstat(file.fileno()).st_size == 0:
             early.seek(0)
             file.write(early.read(_MOST_EARLY_BYTES))
 
