@@ -86,6 +86,8 @@ fn full(kind: &str, of: &str) -> String {
     let package = of.split('/').next().unwrap_or_default();
     match base {
         "Header" => format!("std_msgs/Header{bounds}"),
+        // Names of one layout, which converters write for each other.
+        "byte" | "char" => format!("uint8{bounds}"),
         _ if PRIMITIVES.contains(&base) => kind.to_owned(),
         _ if base.contains('/') => format!("{}{bounds}", short(base)),
         _ => format!("{package}/{kind}"),
@@ -119,6 +121,7 @@ mod tests {
             assert_eq!(different(POSE, other), None, "{other}");
             assert_eq!(different(other, POSE), None, "{other}");
         }
+        assert_eq!(different("byte[3] x\nchar y\n", "uint8[3] x\nuint8 y\n"), None);
         let named = "=====\nMSG: a/msg/Pose\nPoint[2] points\n===\nMSG: a/msg/Point\nfloat64 x\nfloat64 y\n";
         assert_eq!(different(DEEP, named), None);
         // The other type is not known of both.
