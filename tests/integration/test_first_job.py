@@ -44,8 +44,7 @@ def test_what_init_writes_is_planned_runs_and_passes_unchanged(laptop: Laptop) -
     job = laptop.folder / "job.yaml"
     spec = yaml.safe_load(job.read_text())["spec"]
     assert [each["name"] for each in spec["evaluate"]] == ["joint_states rate", "joint_states gap"]
-    # The recorder's clock was behind the robot's.
-    assert "# /joint_states: a recorded stamp is 0.028 s later than its receipt" in job.read_text()
+    assert "# /joint_states: in lock-step no latency is demanded" in job.read_text()
     status, output, _ = laptop.run("plan", job, *volume)
     assert status == 0
     assert "Estimate: at least 2 s on 1 slot" in output
