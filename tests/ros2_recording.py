@@ -1,6 +1,8 @@
 """Recordings of ROS 2 by other authors' libraries: messages in CDR, written as MCAP."""
 
+from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from mcap.writer import CompressionType, Writer
@@ -52,18 +54,31 @@ def claims(folder: Path, messages: int) -> dict[str, str]:
 
 def write(path: Path, topics: list[str], messages: int, period: int = 5_000_000) -> Path:
     """Messages on each topic in turn, `period` ns after each other, from `BEGIN` on."""
-    definition, _ = _STORE.generate_msgdef(IMU, ros_version=2)
+    times = [(number, BEGIN + number * period) for number in range(messages)]
+    made = ((topics[number % len(topics)], time, imu(time, number)) for number, time in times)
+    return write_messages(path, IMU, topics, made, chunk_size=64 << 10)
+
+
+def write_messages(
+    path: Path,
+    kind: str,
+    topics: Iterable[str],
+    messages: Iterable[tuple[str, int, bytes]],
+    qos: str = QOS,
+    **chunks: Any,
+) -> Path:
+    """Topic, time in ns and CDR of each message; `chunks` is how the file has them."""
+    definition, _ = _STORE.generate_msgdef(kind, ros_version=2)
     with path.open("wb") as stream:
-        writer = Writer(stream, chunk_size=64 << 10, compression=CompressionType.LZ4)
+        writer = Writer(stream, **{"compression": CompressionType.LZ4} | chunks)
         writer.start(profile="ros2", library="tests")
-        schema = writer.register_schema(IMU, "ros2msg", definition.encode())
-        metadata = {"offered_qos_profiles": QOS}
-        channels = [
-            writer.register_channel(topic, "cdr", schema, metadata=metadata) for topic in topics
-        ]
-        for number in range(messages):
-            time = BEGIN + number * period
-            channel = channels[number % len(channels)]
-            writer.add_message(channel, time, imu(time, number), time, number)
+        schema = writer.register_schema(kind, "ros2msg", definition.encode())
+        metadata = {"offered_qos_profiles": qos}
+        channels = {
+            topic: writer.register_channel(topic, "cdr", schema, metadata=metadata)
+            for topic in topics
+        }
+        for number, (topic, time, data) in enumerate(messages):
+            writer.add_message(channels[topic], time, data, time, number)
         writer.finish()
     return path

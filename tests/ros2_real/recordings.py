@@ -4,10 +4,9 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
-from mcap.writer import CompressionType, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from tests.ros2_recording import BEGIN, QOS
+from tests.ros2_recording import BEGIN, QOS, write_messages
 
 _STORE = get_typestore(Stores.ROS2_HUMBLE)
 TEXT, SCAN = "std_msgs/msg/String", "sensor_msgs/msg/LaserScan"
@@ -39,37 +38,19 @@ def scan(time: int, metres: float) -> bytes:
 
 def write_scans(path: Path, metres: Iterable[float], period: int = 200_000_000) -> Path:
     """Scans on /scan, `period` ns after each other, each of a wall so many metres away."""
-    definition, _ = _STORE.generate_msgdef(SCAN, ros_version=2)
-    with path.open("wb") as stream:
-        writer = Writer(stream, compression=CompressionType.ZSTD)
-        writer.start(profile="ros2", library="tests")
-        schema = writer.register_schema(SCAN, "ros2msg", definition.encode())
-        # As a laser's driver offers them.
-        offered = QOS.replace("reliability: reliable", "reliability: best_effort")
-        metadata = {"offered_qos_profiles": offered}
-        channel = writer.register_channel("/scan", "cdr", schema, metadata=metadata)
-        for number, distance in enumerate(metres):
-            time = BEGIN + number * period
-            writer.add_message(channel, time, scan(time, distance), time, number)
-        writer.finish()
-    return path
+    walls = ((BEGIN + number * period, distance) for number, distance in enumerate(metres))
+    scans = (("/scan", time, scan(time, distance)) for time, distance in walls)
+    # As a laser's driver offers them.
+    offered = QOS.replace("reliability: reliable", "reliability: best_effort")
+    return write_messages(path, SCAN, ["/scan"], scans, offered)
 
 
 def write_texts(
     path: Path, topics: dict[str, Iterable[str]], qos: str = QOS, period: int = 5_000_000
 ) -> Path:
     """Texts of each topic, `period` ns after each other; those of the first topic come first."""
-    definition, _ = _STORE.generate_msgdef(TEXT, ros_version=2)
-    with path.open("wb") as stream:
-        writer = Writer(stream, chunk_size=4 << 20, compression=CompressionType.LZ4)
-        writer.start(profile="ros2", library="tests")
-        schema = writer.register_schema(TEXT, "ros2msg", definition.encode())
-        time = BEGIN
-        for topic, texts in topics.items():
-            metadata = {"offered_qos_profiles": qos}
-            channel = writer.register_channel(topic, "cdr", schema, metadata=metadata)
-            for number, data in enumerate(texts):
-                writer.add_message(channel, time, text(data), time, number)
-                time += period
-        writer.finish()
-    return path
+    texts = ((topic, text(data)) for topic, all_of_it in topics.items() for data in all_of_it)
+    messages = (
+        (topic, BEGIN + number * period, data) for number, (topic, data) in enumerate(texts)
+    )
+    return write_messages(path, TEXT, topics, messages, qos, chunk_size=4 << 20)

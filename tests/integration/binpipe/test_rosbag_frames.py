@@ -10,7 +10,7 @@ from rosbags.rosbag1 import Reader
 from rosbags.typesys import Stores, get_typestore
 
 import bagpipe
-from bagpipe.plan.bag_tail import resolve
+from bagpipe.topic_names import resolve
 from tests.recording import MESSAGES, fetch
 
 STORE = get_typestore(Stores.ROS1_NOETIC)

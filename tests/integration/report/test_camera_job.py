@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mcap.writer import CompressionType, Writer
+from mcap.writer import CompressionType
 from PIL import Image
 from rosbags.typesys import Stores, get_typestore
 
@@ -108,23 +108,21 @@ def camera_mcap(path: Path, photographs: list[Path]) -> None:
     """The frames of the bag, as a camera of ROS 2 has them recorded."""
     store = get_typestore(Stores.ROS2_HUMBLE)
     types, kind = store.types, "sensor_msgs/msg/CompressedImage"
-    definition, _ = store.generate_msgdef(kind, ros_version=2)
-    with path.open("wb") as stream:
-        writer = Writer(stream, chunk_size=256 << 10, compression=CompressionType.ZSTD)
-        writer.start(profile="ros2", library="tests")
-        schema = writer.register_schema(kind, "ros2msg", definition.encode())
-        metadata = {"offered_qos_profiles": ros2_recording.QOS}
-        channel = writer.register_channel(TOPIC, "cdr", schema, metadata=metadata)
-        for number in range(10 * len(photographs)):
-            time = BEGIN * 10**9 + number * 10**8
-            stamp = types["builtin_interfaces/msg/Time"](*divmod(time, 10**9))
-            frame = types[kind](
-                header=types["std_msgs/msg/Header"](stamp=stamp, frame_id="camera"),
-                format="jpeg",
-                data=np.frombuffer(photographs[number // 10].read_bytes(), np.uint8),
-            )
-            writer.add_message(channel, time, bytes(store.serialize_cdr(frame, kind)), time, number)
-        writer.finish()
+
+    def frame(time: int, photograph: Path) -> bytes:
+        stamp = types["builtin_interfaces/msg/Time"](*divmod(time, 10**9))
+        header = types["std_msgs/msg/Header"](stamp=stamp, frame_id="camera")
+        data = np.frombuffer(photograph.read_bytes(), np.uint8)
+        made = types[kind](header=header, format="jpeg", data=data)
+        return bytes(store.serialize_cdr(made, kind))
+
+    times = [BEGIN * 10**9 + number * 10**8 for number in range(10 * len(photographs))]
+    frames = (
+        (TOPIC, time, frame(time, photographs[number // 10])) for number, time in enumerate(times)
+    )
+    ros2_recording.write_messages(
+        path, kind, [TOPIC], frames, chunk_size=256 << 10, compression=CompressionType.ZSTD
+    )
 
 
 def test_and_what_a_camera_of_ros_2_saw(

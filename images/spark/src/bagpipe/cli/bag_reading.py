@@ -8,10 +8,11 @@ from decimal import Decimal
 from typing import TYPE_CHECKING, Any
 
 import bagpipe
-from bagpipe.plan.bag_tail import BagError, BagTail, compression_of, read_tail, resolve
+from bagpipe.plan.bag_tail import BagError, BagTail, compression_of, read_tail
 from bagpipe.plan.fragments import Window, cut_one
 from bagpipe.plan.framing import framed
 from bagpipe.storage import Storage
+from bagpipe.topic_names import resolve
 
 if TYPE_CHECKING:
     from bagpipe import MemoryBag

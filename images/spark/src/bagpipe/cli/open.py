@@ -24,12 +24,12 @@ from bagpipe.cli.places import (
 from bagpipe.cli.terminal import plain
 from bagpipe.matrix.faults import MatrixError
 from bagpipe.moments import Moment, moments
-from bagpipe.plan.bag_tail import resolve
 from bagpipe.report.stored import Row, StoredResults
 from bagpipe.row_facts import recorded_names
 from bagpipe.run.laptop import ReplayError, local_spec, planned_case, write_fragment
 from bagpipe.source.chosen import source_of
 from bagpipe.storage import StorageError
+from bagpipe.topic_names import resolve
 from bagpipe.view.course import Note, notes, time_at
 from bagpipe.view.layouts import foxglove, plotjuggler, rviz
 from bagpipe.view.recording import Recording, write_view

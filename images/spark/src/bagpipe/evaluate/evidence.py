@@ -14,6 +14,7 @@ import bagpipe
 from bagpipe.evaluate.decoding import decoder, stamp_reader
 from bagpipe.evaluate.finding import NoEvidenceError
 from bagpipe.recording_format import in_memory
+from bagpipe.topic_names import resolve
 
 # Of a message that begins with a header: the sequence number of ROS 1, or the head of CDR.
 _BEFORE_STAMP = 4
@@ -85,7 +86,7 @@ class Recording:
         """The names that each topic of the ROS graph has in the recording: some lack the slash."""
         names: dict[str, list[str]] = {}
         for name in self._opened.topics:
-            names.setdefault(f"/{name.removeprefix('/')}", []).append(name)
+            names.setdefault(resolve(name), []).append(name)
         return names
 
     @property

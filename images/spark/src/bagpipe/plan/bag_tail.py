@@ -13,6 +13,7 @@ from typing import Any
 from bagpipe.native import native
 from bagpipe.plan import mcap_summary
 from bagpipe.recording_format import MCAP_MAGIC
+from bagpipe.topic_names import resolve
 
 MAGIC = b"#ROSBAG V2.0\n"
 _FILE_HEADER_BYTES = 4096
@@ -165,11 +166,6 @@ def _index_of(read: Read, chunk: Chunk) -> int:
     head = read(chunk.offset, min(_CHUNK_HEADER_BYTES, chunk.end - chunk.offset))
     length: int | None = _parsed("chunk_length", head, chunk.offset)
     return chunk.end if length is None else chunk.offset + length
-
-
-def resolve(topic: str) -> str:
-    """A recorded topic as the ROS graph knows it: with its leading slash."""
-    return topic if topic.startswith("/") else f"/{topic}"
 
 
 def split_record(data: bytes, at: int, base: int) -> tuple[dict[str, bytes], int, int]:

@@ -7,8 +7,9 @@ How many of a channel are is the native module's to say, as the agent's crates h
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
-from bagpipe.plan.bag_tail import BagTail, Chunk, Connection, resolve
+from bagpipe.plan.bag_tail import BagTail, Chunk, Connection
 from bagpipe.plan.by_time import ChunksByTime
+from bagpipe.topic_names import resolve
 
 
 @dataclass(frozen=True)

@@ -19,15 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from bagpipe.native import native
-from bagpipe.plan.bag_tail import (
-    BagError,
-    BagTail,
-    Chunk,
-    Connection,
-    message_times,
-    read_tail,
-    resolve,
-)
+from bagpipe.plan.bag_tail import BagError, BagTail, Chunk, Connection, message_times, read_tail
 from bagpipe.plan.fragments import FragmentPlan, Window, ranges_of
 from bagpipe.plan.framing import framed
 from bagpipe.plan.in_force import Late
@@ -35,6 +27,7 @@ from bagpipe.plan.part import Part
 from bagpipe.plan.stated_times import stated_by
 from bagpipe.storage import OpenFile, Storage, StorageError
 from bagpipe.storage.globs import fixed_folder, is_of_one_folder, is_pattern, matcher
+from bagpipe.topic_names import resolve
 
 METADATA = "metadata.yaml"
 # The names that files of recordings end in.

@@ -4,11 +4,12 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from bagpipe.native import native
-from bagpipe.plan.bag_tail import BagError, resolve
+from bagpipe.plan.bag_tail import BagError
 from bagpipe.plan.framing import framed
 from bagpipe.plan.part import Part
 from bagpipe.plan.rosbag2 import MOST_FRAGMENT_BYTES, is_folder, joined, read_metadata
 from bagpipe.storage import Storage, StorageError
+from bagpipe.topic_names import resolve
 
 _PIECE_BYTES = 1 << 20
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from bagpipe.plan.bag_tail import BagError, BagTail, Connection, connection_fields
-from bagpipe.plan.bag_tail import resolve as resolved
 from bagpipe.plan.fragments import Window, cut, cut_one
 from bagpipe.plan.part import Part
 from bagpipe.plan.rosbag2 import Rosbag2, in_folders, without_members
@@ -14,6 +13,7 @@ from bagpipe.rosbag_source.parts import opened, wanted
 from bagpipe.rosbag_source.recordings import Bag, McapFile, recording
 from bagpipe.storage import OpenFile, Storage, StorageError
 from bagpipe.storage.reading import REQUEST_BYTES
+from bagpipe.topic_names import resolve as resolved
 
 DEFAULT_FRAGMENT_SECONDS = 60.0
 _NANOSECONDS = 1_000_000_000

@@ -9,11 +9,12 @@ from typing import Any
 import bagpipe
 from bagpipe.encodings import ROS1
 from bagpipe.native import native
-from bagpipe.plan.bag_tail import BagError, resolve
+from bagpipe.plan.bag_tail import BagError
 from bagpipe.plan.framing import framed
 from bagpipe.plan.part import Part
 from bagpipe.source.stamps import StampError, moved
 from bagpipe.storage import Storage
+from bagpipe.topic_names import resolve
 from bagpipe.wire.frames import MAX_PAYLOAD_BYTES
 from bagpipe.wire.session import SessionError
 

@@ -8,8 +8,8 @@ from typing import Any, BinaryIO, NamedTuple
 
 from mcap.writer import CompressionType, Writer
 
-from bagpipe.plan.bag_tail import resolve
 from bagpipe.recording_format import in_memory
+from bagpipe.topic_names import resolve
 from bagpipe.view.course import Note
 
 # Of a recording's uncompressed chunks: a small file may have any number of bytes in them.

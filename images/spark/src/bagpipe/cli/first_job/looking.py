@@ -17,18 +17,11 @@ from bagpipe.cli.first_job.facts import (
 )
 from bagpipe.cli.first_job.sampling import Sampled, sample_of_file, sample_of_folder
 from bagpipe.native import native
-from bagpipe.plan.bag_tail import (
-    BagError,
-    BagTail,
-    Chunk,
-    compression_of,
-    message_times,
-    read_tail,
-    resolve,
-)
+from bagpipe.plan.bag_tail import BagError, BagTail, Chunk, compression_of, message_times, read_tail
 from bagpipe.plan.fragments import cut, holding
 from bagpipe.plan.rosbag2 import Metadata, Rosbag2, is_folder, read_metadata
 from bagpipe.storage import OpenFile, Storage, StorageError
+from bagpipe.topic_names import resolve
 
 _SECOND = 1_000_000_000
 # Of one request for an index. That of a bag of a terabyte has some 50 MB; whoever wrote a greater

@@ -6,12 +6,13 @@ from typing import Any
 
 from bagpipe.cli.first_job.facts import Sample
 from bagpipe.evaluate.decoding import stamp_reader
-from bagpipe.plan.bag_tail import BagError, BagTail, Chunk, resolve
+from bagpipe.plan.bag_tail import BagError, BagTail, Chunk
 from bagpipe.plan.fragments import Window, cut_one, holding, ranges_of
 from bagpipe.plan.framing import framed
 from bagpipe.plan.rosbag2 import Rosbag2, joined
 from bagpipe.recording_format import in_memory
 from bagpipe.storage import OpenFile, Storage, StorageError
+from bagpipe.topic_names import resolve
 
 # As they are stored, and what they may become in memory.
 _MOST_BYTES = 16 << 20

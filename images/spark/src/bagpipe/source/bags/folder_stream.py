@@ -7,7 +7,7 @@ them counts its channels by itself: the worker makes one file of MCAP of the par
 from collections.abc import Mapping
 
 from bagpipe.native import native
-from bagpipe.plan.bag_tail import BagError, resolve
+from bagpipe.plan.bag_tail import BagError
 from bagpipe.plan.case import Case
 from bagpipe.plan.fragments import cut_one
 from bagpipe.plan.in_force import Late
@@ -20,6 +20,7 @@ from bagpipe.plan.rosbag2 import (
 )
 from bagpipe.source.bags.stream import part_file
 from bagpipe.storage import Storage
+from bagpipe.topic_names import resolve
 from bagpipe.wire.frames import payloads
 from bagpipe.wire.session import InputFile, SessionError
 

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 
 from bagpipe.encodings import ROS1
-from bagpipe.plan.bag_tail import resolve
 from bagpipe.plan.case import Case
 from bagpipe.plan.conditions import Crossing
 from bagpipe.plan.made import Plan
@@ -11,6 +10,7 @@ from bagpipe.source.sequence.planning import sequences
 from bagpipe.source.source import JobSource
 from bagpipe.source_spec import Source
 from bagpipe.storage import Storage
+from bagpipe.topic_names import resolve
 from bagpipe.wire.session import InputFile
 
 

@@ -4,11 +4,11 @@ import heapq
 from collections.abc import Iterator
 from typing import Any
 
-from bagpipe.plan.bag_tail import resolve
 from bagpipe.plan.case import Case
 from bagpipe.simulator.messages import Publication
 from bagpipe.source.part_reader import PartMessage, PartReader
 from bagpipe.storage import Storage
+from bagpipe.topic_names import resolve
 from bagpipe.wire.session import SessionError
 
 
