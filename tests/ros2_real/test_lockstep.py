@@ -69,6 +69,25 @@ def test_timers_of_a_time_fire_before_its_message(trial: Trial) -> None:
     assert len(reported) >= MESSAGES // 4 - 1
 
 
+def test_the_timers_of_a_node_that_starts_slowly_are_due_when_those_of_a_quick_one_are(
+    trial: Trial,
+) -> None:
+    """A timer's period begins when it is made, at time 0 or, if the node was shown one by then, at
+    the first one of the recording, which is no multiple of this period."""
+    period = 70
+    assert BEGIN % (period * 1_000_000) != 0
+    digests = set()
+    for starts in (0, 1_500):
+        parameters = SIM_TIME | {"/ticking/period_ms": period, "/ticking/starts_ms": starts}
+        fields = {"stack": {"parameters": parameters}, "record": {"topics": ["/tick"]}}
+        command = [*NODE, "single", "Ticking"]
+        row = trial.run(trial.spec(command, {"mode": "lockstep"}, **fields))
+        assert passed(row), row
+        assert len(trial.texts(row, "/tick")) >= MESSAGES * 5 // period - 1
+        digests.add(trial.digest(row))
+    assert len(digests) == 1
+
+
 @pytest.mark.usefixtures("busy")
 def test_twenty_runs_beside_busy_loops_record_the_same_bytes(trial: Trial) -> None:
     command = [*NODE, "single", "Answering", "Passing", "--ros-args"]

@@ -1,5 +1,6 @@
 // A timer by the node's own clock, which is simulated where use_sim_time says so, publishes how many
-// messages of in there were by then; its first tick is the first multiple of its period.
+// messages of in there were by then; its first tick is the first multiple of its period. Between its
+// subscription and its timer it computes for starts_ms.
 #include <chrono>
 #include <string>
 
@@ -18,6 +19,10 @@ public:
   explicit Ticking(const rclcpp::NodeOptions &options) : Node("ticking", options) {
     out_ = create_publisher<String>("tick", rclcpp::QoS(1000));
     in_ = create_subscription<Imu>("in", rclcpp::QoS(10), [this](const Imu &) { seen_++; });
+    const auto starts = std::chrono::milliseconds(declare_parameter("starts_ms", 0));
+    for (const auto begun = std::chrono::steady_clock::now();
+         std::chrono::steady_clock::now() - begun < starts;)
+      ;
     const auto period = std::chrono::milliseconds(declare_parameter("period_ms", 20));
     timer_ = rclcpp::create_timer(this, get_clock(), period, [this] { tick(); });
   }

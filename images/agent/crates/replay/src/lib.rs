@@ -17,6 +17,7 @@ mod clock;
 mod discovery;
 mod drain;
 mod error;
+mod first_time;
 mod graph_recording;
 
 mod ledger;

@@ -9,6 +9,7 @@ use bagpipe_graph::{Audit, SystemState};
 use crate::ReplayError;
 use crate::discovery::{Discovery, LOOK, open_subscribers, others};
 use crate::drain::stood_still;
+use crate::first_time::FirstTime;
 use crate::play::Player;
 use crate::processes::Starting;
 use crate::time::Time;
@@ -16,6 +17,8 @@ use crate::watch::Watch;
 
 /// How long to wait for connections that the master already knows of.
 const SETTLE: Duration = Duration::from_secs(2);
+/// And for how long at most it waits for who has no processor.
+const STARVED: Duration = Duration::from_secs(6);
 /// The deadline of a question to a node; roscpp and rospy answer within milliseconds.
 const ASK: Duration = Duration::from_secs(1);
 /// Where every node publishes, and what no answer is made of.
@@ -26,10 +29,12 @@ const LOGS: [&str; 2] = ["/rosout", "/rosout_agg"];
 /// publisher, and a node that passes an input on before the next one is connected loses it
 /// without a trace. At most 2 s, in which a machine that stands still does not count, and not an
 /// error: a registration may be a dead node's, a node may work without end, and one that answers
-/// may be moved by something else than topics.
+/// may be moved by something else than topics. Nor does the time in which a node had no processor, if
+/// each run has to begin alike.
 pub(crate) fn settle(
     discovery: &Discovery<'_>,
     player: &mut Player<'_>,
+    first_time: &mut FirstTime,
     at_rest_below: Option<u32>,
     watch: &mut Watch<'_>,
 ) -> Result<(), ReplayError> {
@@ -39,31 +44,37 @@ pub(crate) fn settle(
     let mut inner = Inner::default();
     let mut starting = Starting::below(at_rest_below);
     let mut last = SystemState::default();
-    while watch.now() < deadline {
-        if let Some(state) = discovery.look()? {
+    while watch.now() < deadline + starved(&starting, player) {
+        let state = discovery.look()?;
+        if let Some(state) = &state {
             let name = node.name();
             let subscribed = player.advertised().all(|publication| {
                 let registered = state.subscribers.get(&publication.info().topic);
                 let connected = open_subscribers(publication);
                 others(registered, name).all(|node| connected.contains(node))
             });
-            let starts = !starting.is_over(state != last);
+            let starts = !starting.is_over(*state != last);
             if !starts
                 && subscribed
-                && begun(&state, &discovery.expected)
-                && discovery.has_every_publisher(&state)
-                && inner.stand(&promised(&state, name), audit.as_mut(), deadline, watch.time())
+                && begun(state, &discovery.expected)
+                && discovery.has_every_publisher(state)
+                && inner.stand(&promised(state, name), audit.as_mut(), deadline, watch.time())
             {
                 return Ok(());
             }
-            last = state;
+            last = state.clone();
         }
         let before = watch.now();
         watch.sleep(LOOK)?;
         deadline += stood_still(watch.now() - before);
-        player.show_clock(watch)?;
+        first_time.show(state.as_ref(), player, watch)?;
     }
     Ok(())
+}
+
+/// By how much the wait is longer for a stack that gets no processor.
+fn starved(starting: &Starting, player: &Player<'_>) -> Duration {
+    if player.steps_time() { starting.starved().min(STARVED) } else { Duration::ZERO }
 }
 
 /// Whether each node that publishes one of these answers has subscribed to anything but the

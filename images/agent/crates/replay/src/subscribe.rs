@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use bagpipe_graph::Publication;
 
 use crate::discovery::{Discovery, LOOK, open_subscribers, others};
+use crate::first_time::FirstTime;
 use crate::names::resolved;
 use crate::play::Player;
 use crate::settle::settle;
@@ -32,13 +33,14 @@ pub(crate) fn wait_for_stack(
     let deadline = begun + request.subscribe_deadline;
     let mut waiting = Waiting::new(player.required(), request.topics.is_empty(), begun);
     let mut next_look = begun;
+    let mut first_time = FirstTime::new(request, begun);
     loop {
         watch.check()?;
         let now = watch.now();
         if now >= next_look {
             next_look = now + DISCOVER;
-            discovery.look()?;
-            player.show_clock(watch)?;
+            let state = discovery.look()?;
+            first_time.show(state.as_ref(), player, watch)?;
         }
         let unanswered = discovery.unanswered();
         let mut absent = absent(player.publications(), request);
@@ -61,7 +63,9 @@ pub(crate) fn wait_for_stack(
         }
         watch.sleep_until(now + LOOK)?;
     }
-    settle(discovery, player, request.start.at_rest_below, watch)?;
+    settle(discovery, player, &mut first_time, request.start.at_rest_below, watch)?;
+    // Whoever is there has this time before the next one, in each run.
+    player.show_clock(watch)?;
     let begin = watch.now() + request.start.delay;
     while watch.now() < begin {
         watch.sleep_until(begin.min(watch.now() + LOOK))?;

@@ -29,3 +29,17 @@ fn a_node_that_is_seen_to_start_misses_nothing() {
         lines.iter().map(|line| (line.node.as_str(), line.received)).collect();
     assert_eq!(received, [("/any", 20), ("/slow_start", 20)]);
 }
+
+#[test]
+fn a_node_that_is_seen_to_start_is_shown_no_time() {
+    let bag = bag_of_words(&[words("/talk", "/t", false)], &[(0, 1_000, "a")]);
+    let graph = Graph::start(TMP);
+    let starts = graph.python(&node("begins_in_time_0.py"), &["/talk", "1"]);
+    let mut request = request(&bag, &graph.uri);
+    request.topics = vec!["/talk".to_owned()];
+    request.use_sim_time = true;
+    request.start = StartWhen { at_rest_below: Some(std::process::id()), ..StartWhen::default() };
+    let replayed = run(&bag, &request).unwrap();
+    assert_eq!(replayed.ledger.received, 1);
+    assert_eq!(starts.lines(), ["begun after 0 times"]);
+}

@@ -67,6 +67,20 @@ impl Look {
         wanted
     }
 
+    /// The longest that a thread could have run since an earlier look and had no processor.
+    pub(crate) fn starved_since(&self, earlier: &Look) -> Duration {
+        let passed = self.at.saturating_sub(earlier.at);
+        let waited = self.threads.iter().filter_map(|(thread, (demand, waits))| {
+            let (before, _) = earlier.threads.get(thread)?;
+            // The kernel adds the time of a wait for a processor once that is over.
+            if *waits == Waits::Processor && before == demand {
+                return Some(passed);
+            }
+            Some(Duration::from_nanos(demand.waited.saturating_sub(before.waited)).min(passed))
+        });
+        waited.max().unwrap_or_default()
+    }
+
     fn turns(&self, thread: &Thread) -> Option<u64> {
         self.threads.get(thread).map(|(demand, _)| demand.turns)
     }
@@ -139,6 +153,32 @@ mod tests {
         assert_eq!(watch.look(at(250, 225, 3), false), Rest::Still);
         assert_eq!(watch.look(at(300, 270, 23), false), Rest::Working);
         assert_eq!(watch.look(at(350, 315, 24), false), Rest::Still);
+    }
+
+    #[test]
+    fn who_could_run_and_had_no_processor_is_starved_by_the_longest_wait() {
+        let look = |at, threads: &[(i32, u64, Waits)]| Look {
+            at: Duration::from_millis(at),
+            threads: threads
+                .iter()
+                .map(|&(thread, waited, waits)| {
+                    let nanoseconds = waited * MS;
+                    ((1, thread), (Demand { nanoseconds, waited: nanoseconds, turns: 1 }, waits))
+                })
+                .collect(),
+        };
+        let starved = |later: &[(i32, u64, Waits)]| {
+            let before = look(0, &[(1, 50, Waits::Else), (2, 20, Waits::Else)]);
+            look(100, later).starved_since(&before).as_millis()
+        };
+        assert_eq!(starved(&[(1, 60, Waits::Else), (2, 63, Waits::Else)]), 43);
+        assert_eq!(starved(&[(1, 50, Waits::Else), (2, 20, Waits::Else)]), 0);
+        // The kernel adds a wait once it is over: it may be longer than between the looks, or not be
+        // there yet.
+        assert_eq!(starved(&[(1, 500, Waits::Else)]), 100);
+        assert_eq!(starved(&[(1, 50, Waits::Processor)]), 100);
+        // One that is new was not seen to wait.
+        assert_eq!(starved(&[(3, 90, Waits::Processor)]), 0);
     }
 
     #[test]

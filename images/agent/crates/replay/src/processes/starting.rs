@@ -18,30 +18,45 @@ pub(crate) struct Starting {
     root: Option<u32>,
     born: Instant,
     last: Option<Look>,
+    rests: bool,
     over: bool,
+    starved: Duration,
 }
 
 impl Starting {
     /// Without a root there is nothing that can be seen to start.
     pub(crate) fn below(root: Option<u32>) -> Starting {
-        Starting { root, born: Instant::now(), last: None, over: false }
+        let born = Instant::now();
+        Starting { root, born, last: None, rests: false, over: false, starved: Duration::ZERO }
     }
 
     /// Whether nobody has worked for a while. `changed`, whether the graph has changed since the
     /// last call, restarts that while.
     pub(crate) fn is_over(&mut self, changed: bool) -> bool {
+        self.over = (self.over && !changed) || self.rests(changed);
+        self.over
+    }
+
+    /// The same, also where somebody has begun to work again since.
+    pub(crate) fn rests(&mut self, changed: bool) -> bool {
         let Some(root) = self.root else { return true };
-        if self.over && !changed {
-            return true;
-        }
+        self.rests &= !changed;
         let before = self.last.as_ref().filter(|_| !changed);
         if before.is_some_and(|before| self.born.elapsed() < before.at + QUIET) {
-            return false;
+            return self.rests;
         }
         let now = look(&descendants(root, &Default::default()), self.born);
-        self.over = before.is_some_and(|before| rested(before, &now));
+        self.rests = before.is_some_and(|before| rested(before, &now));
+        if let Some(last) = &self.last {
+            self.starved += now.starved_since(last);
+        }
         self.last = Some(now);
-        self.over
+        self.rests
+    }
+
+    /// For how long in all somebody could have worked and had no processor, as far as was looked.
+    pub(crate) fn starved(&self) -> Duration {
+        self.starved
     }
 }
 
@@ -113,6 +128,7 @@ mod tests {
             std::thread::yield_now();
         }
         assert!(starting.is_over(false));
+        assert!(starting.rests(false));
         assert!(!starting.is_over(true));
         assert!(Starting::below(None).is_over(true));
     }

@@ -1,0 +1,55 @@
+//! Simulated time before the play: who waits for a valid time gets the first one.
+
+use std::time::{Duration, Instant};
+
+use bagpipe_graph::SystemState;
+
+use crate::play::Player;
+use crate::processes::Starting;
+use crate::watch::Watch;
+use crate::{ReplayError, ReplayRequest};
+
+/// When time is shown. A node that makes its timers before it knows a time has them due at other times
+/// than one that makes them at the first time, so that two runs would differ by how quickly their nodes
+/// have started: none is shown while somebody works to start.
+pub(crate) struct FirstTime {
+    starting: Starting,
+    last: SystemState,
+    /// A stack that works without end gets its time, too.
+    at_the_latest: Instant,
+}
+
+impl FirstTime {
+    /// `now` is when the wait for the stack begins, of which half is for who works without end.
+    pub(crate) fn new(request: &ReplayRequest, now: Instant) -> FirstTime {
+        let patience: Duration = request.subscribe_deadline / 2;
+        FirstTime {
+            starting: Starting::below(request.start.at_rest_below),
+            last: SystemState::default(),
+            at_the_latest: now + patience,
+        }
+    }
+
+    /// Shows the first time if nobody starts; `state` is the graph's now, where it answered.
+    ///
+    /// # Errors
+    /// Whatever stops the watch, and what keeps /clock from being published.
+    pub(crate) fn show(
+        &mut self,
+        state: Option<&SystemState>,
+        player: &mut Player<'_>,
+        watch: &mut Watch<'_>,
+    ) -> Result<(), ReplayError> {
+        if !player.shows_time() {
+            return Ok(());
+        }
+        let changed = state.is_some_and(|state| *state != self.last);
+        if let Some(state) = state.filter(|_| changed) {
+            self.last = state.clone();
+        }
+        if self.starting.rests(changed) || watch.now() >= self.at_the_latest {
+            player.show_clock(watch)?;
+        }
+        Ok(())
+    }
+}
