@@ -154,6 +154,31 @@ def test_after_too_many_failures_no_case_is_begun(world: World) -> None:
     assert 0 < len(world.rows) < len(many)
 
 
+def test_no_slot_goes_on_with_its_case_when_its_driver_was_killed(tmp_path: Path) -> None:
+    """Its parent is the server that forked it, which a slot that lives keeps alive."""
+    program = (
+        "import sys\n"
+        "from pathlib import Path\n"
+        "from bagpipe.driver.cases_in_processes import run_cases\n"
+        "from tests.unit.bagpipe.test_cases_in_processes import waits\n"
+        "from tests.unit.bagpipe.test_driver_over_spark import World\n"
+        "world = World(Path(sys.argv[1]))\n"
+        "run_cases(world.cases[1:2], world.context, 1, world.keeper(), waits)\n"
+    )
+    mark = tmp_path / "results/b-0000"
+    with subprocess.Popen([sys.executable, "-c", program, str(tmp_path)]) as of_driver:
+        try:
+            wait_until(mark.exists, PATIENCE, "the case is not begun")
+        finally:
+            of_driver.kill()
+    slot = Path("/proc", mark.read_text())
+    try:
+        wait_until(lambda: not slot.exists(), PATIENCE, "its slot outlives the driver")
+    finally:
+        if slot.exists():
+            os.kill(int(slot.name), signal.SIGKILL)
+
+
 def test_an_interrupted_driver_ends_its_cases_and_keeps_what_is_done(world: World) -> None:
     marks = marks_of(world.context)
 

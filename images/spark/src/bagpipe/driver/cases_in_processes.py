@@ -24,7 +24,7 @@ from bagpipe.plan.case import Case
 from bagpipe.run.attempts import QUARANTINE_ATTEMPT
 from bagpipe.run.case_run import Row, RunContext, lost_row, run_case
 from bagpipe.run.ran_on import ran_on
-from bagpipe.run.with_parent import die_with_parent
+from bagpipe.run.with_parent import die_when_closed
 
 _END_SECONDS = 10.0
 _MOST_CHARACTERS = 1000
@@ -65,9 +65,11 @@ def _take_over(streams: Any) -> None:
     os.close(descriptor)
 
 
-def _serve(connection: Connection, context: RunContext, run: Run, _streams: _Streams) -> None:
+def _serve(
+    connection: Connection, driver: Connection, context: RunContext, run: Run, _streams: _Streams
+) -> None:
     """A process' life: cases with their numbers of starts come, rows or errors go."""
-    die_with_parent()
+    die_when_closed(driver.fileno())
     gc.freeze()
     answer: tuple[Row | None, str]
     while True:
@@ -90,11 +92,14 @@ class _Worker:
     def __init__(self, context: RunContext, run: Run) -> None:
         forks = slot_server.forks()
         self._connection, theirs = forks.Pipe()
+        # Its parent is the server, which lives as long as it does: so a pipe that we alone hold.
+        driver, self._held = forks.Pipe(duplex=False)
         self._process = forks.Process(
-            target=_serve, args=(theirs, context, run, _Streams()), daemon=True
+            target=_serve, args=(theirs, driver, context, run, _Streams()), daemon=True
         )
         self._process.start()
         theirs.close()
+        driver.close()
 
     def run(self, case: Case, starts: int) -> tuple[Row | None, str]:
         """The case's row; without one, what became of the process or of the case."""
@@ -117,6 +122,8 @@ class _Worker:
         if self._process.is_alive():
             self._process.kill()
             self._process.join()
+        # Only now: what ends by itself is not to be ended by a signal.
+        self._held.close()
 
 
 def _how(status: int | None) -> str:
