@@ -1,5 +1,6 @@
 """`bagpipe list` and `bagpipe delete`: which results are where, and what goes with them."""
 
+import contextlib
 import json
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,10 @@ from click.testing import CliRunner
 
 from bagpipe.cli import list as listing
 from bagpipe.cli.__main__ import main
+from bagpipe.cli.run_folder import run_folder
+from bagpipe.cli.running import RunError
 from bagpipe.report import stored
+from bagpipe.storage import Storage
 from tests.unit.bagpipe.jobs import make_row
 from tests.unit.report.publishing import publish
 
@@ -138,6 +142,66 @@ def test_of_several_one_without_results_stops_all(three: dict[str, Path], tmp_pa
         done = program("delete", three["old"], other, "--yes")
         assert (done.exit_code, "has no manifest.json" in done.stderr) == (2, True)
         assert (three["old"] / "manifest.json").exists()
+
+
+@pytest.mark.parametrize("where", ["the folder", "a claim's folder"])
+def test_a_run_that_began_meanwhile_is_not_removed(
+    three: dict[str, Path], monkeypatch: pytest.MonkeyPatch, where: str
+) -> None:
+    """`bagpipe run --replace` in another terminal, while this one waits for a yes."""
+    folder = three["old"]
+    (folder / "run.json").touch()
+    manifest = (folder / "manifest.json").read_text()
+    words: list[str | Path] = [folder]
+    if where != "the folder":
+        words = [f"pvc://results/{folder.name}", "--volume", f"results={folder.parent}"]
+    with contextlib.ExitStack() as runs:
+
+        def begins(*_: object, **_options: object) -> bool:
+            runs.enter_context(run_folder(folder, {}, replace=True))
+            (folder / "driver.log").touch()
+            (folder / "manifest.json").write_text(manifest)
+            return True
+
+        monkeypatch.setattr("click.confirm", begins)
+        done = program("delete", *words)
+        assert (done.exit_code, "another run is writing into" in done.stderr) == (2, True)
+        assert "--results" not in done.stderr
+        left = {path.name for path in folder.iterdir()}
+        assert left == {"run.json", "driver.log", "manifest.json"}
+        with pytest.raises(RunError, match="another run is writing into"):
+            runs.enter_context(run_folder(folder, {}, replace=True))
+
+
+def test_other_results_than_those_that_were_shown_are_not_removed(
+    three: dict[str, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = three["old"]
+    monkeypatch.setattr("click.confirm", lambda *_, **__: ended(folder, "2026-11-22T04:00:00Z"))
+    done = program("delete", folder)
+    assert (done.exit_code, "other results than those that were shown" in done.stderr) == (2, True)
+    assert (folder / "manifest.json").exists()
+
+
+def test_no_run_begins_while_results_are_removed(
+    three: dict[str, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = three["old"]
+    (folder / "run.json").touch()
+    removed: list[str] = []
+    remove = Storage.remove
+
+    def removes(storage: Storage, uri: str) -> None:
+        with pytest.raises(RunError), run_folder(folder, {}, replace=True):
+            pass
+        remove(storage, uri)
+        removed.append(uri)
+
+    monkeypatch.setattr(Storage, "remove", removes)
+    done = program("delete", folder, "--yes")
+    assert done.exit_code == 0, done.stderr
+    assert len(removed) > 2
+    assert not folder.exists()
 
 
 def test_the_manifest_goes_last(three: dict[str, Path], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,5 +1,6 @@
 """The folder of `bagpipe run`: whose it is, what is kept in it, and one run at a time."""
 
+import fcntl
 import os
 import subprocess
 import sys
@@ -129,6 +130,21 @@ def test_one_run_at_a_time_is_in_a_folder(tmp_path: Path) -> None:
         assert (tmp_path / "cases/a-0.bag").exists()
     prepare(tmp_path, replace=True)
     assert not (tmp_path / "cases/a-0.bag").exists()
+
+
+def test_a_lock_that_was_removed_while_it_was_taken_is_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`bagpipe delete` ended between the two; a second run would get the folder, too."""
+    flock = fcntl.flock
+
+    def late(file: Any, how: int) -> None:
+        (tmp_path / "run.json").unlink(missing_ok=True)
+        flock(file, how)
+
+    monkeypatch.setattr("fcntl.flock", late)
+    with pytest.raises(RunError, match="or it is being deleted"):
+        prepare(tmp_path)
 
 
 def interrupted(folder: Path, how: dict[str, Any]) -> None:

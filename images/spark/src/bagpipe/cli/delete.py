@@ -10,6 +10,8 @@ import click
 from bagpipe.cli.list import described
 from bagpipe.cli.places import RefusedError, folders, uri_of, volume_option
 from bagpipe.cli.pulling.entry import MARKER
+from bagpipe.cli.run_folder import without_run
+from bagpipe.cli.running import RunError
 from bagpipe.cli.terminal import plain
 from bagpipe.report.stored import BEGUN, FILES, FOLDERS, LOGS, MANIFEST
 from bagpipe.row_facts import verdict_words
@@ -24,7 +26,8 @@ def delete_command(where: tuple[str, ...], volumes: tuple[str, ...], yes: bool) 
     """Remove the RESULTS of jobs that have ended: folders of this machine, or URIs.
 
     What a job leaves is removed, its recordings among it; other files of the folder stay, and so
-    does the job's object in a cluster. A folder without a manifest is refused: its job may run.
+    does the job's object in a cluster. A folder into which a run is writing is refused, and so is
+    one without a manifest: its job may run.
 
     \b
     bagpipe delete bagpipe-results/lane
@@ -39,9 +42,9 @@ def delete_command(where: tuple[str, ...], volumes: tuple[str, ...], yes: bool) 
         if not yes and not _confirmed(len(chosen)):
             raise RefusedError("nothing is removed")
         for found in chosen:
-            count = remove_results(found["results"], storage)
+            count = _remove(found, storage)
             click.echo(f"{found['results'].removeprefix('file://')}: {count} files are removed")
-    except StorageError as error:
+    except (StorageError, RunError) as error:
         raise RefusedError(str(error)) from error
 
 
@@ -69,30 +72,52 @@ def _confirmed(count: int) -> bool:
         return False
 
 
+def _remove(found: dict[str, Any], storage: Storage) -> int:
+    """As remove_results, if they are still those that were shown. Raises RunError, too."""
+    folder = _on_this_machine(found["results"], storage)
+    with without_run(folder) if folder else contextlib.nullcontext():
+        if _looked_at(found["results"], storage) != found:
+            raise StorageError(
+                f"{found['results']} has other results than those that were shown: nothing of them"
+                " is removed"
+            )
+        return remove_results(found["results"], storage)
+
+
 def remove_results(uri: str, storage: Storage) -> int:
     """Removes what a job left in a folder; how many files that were. Raises StorageError.
 
     The manifest goes last: a deletion that was interrupted is gone on with by the same command.
+    Behind it only that by whose lock no run begins meanwhile.
     """
     there = set(storage.names(uri))
-    doomed = [posixpath.join(uri, name) for name in (*FILES, *LOGS, BEGUN, MARKER) if name in there]
+    doomed = [posixpath.join(uri, name) for name in (*FILES, *LOGS, MARKER) if name in there]
     for folder in FOLDERS:
         below = posixpath.join(uri, folder)
         doomed += [posixpath.join(below, name) for name in storage.names(below)]
     doomed.append(posixpath.join(uri, MANIFEST))
     for each in doomed:
         storage.remove(each)
-    for folder in (*FOLDERS, ""):
+    for folder in FOLDERS:
         _remove_empty(posixpath.join(uri, folder), storage)
-    return len(doomed)
+    if BEGUN in there:
+        storage.remove(posixpath.join(uri, BEGUN))
+    _remove_empty(uri, storage)
+    return len(doomed) + (BEGUN in there)
 
 
 def _remove_empty(uri: str, storage: Storage) -> None:
     """On object storage there are no folders."""
-    claim, _, rest = uri.removeprefix("pvc://").partition("/")
-    path = uri.removeprefix("file://") if uri.startswith("file://") else ""
-    if uri.startswith("pvc://"):
-        path = str(Path(storage.volumes[claim], rest))
-    if path:
+    if path := _on_this_machine(uri, storage):
         with contextlib.suppress(OSError):
-            Path(path).rmdir()
+            path.rmdir()
+
+
+def _on_this_machine(uri: str, storage: Storage) -> Path | None:
+    """The path of what a URI names; None where it lies elsewhere."""
+    if uri.startswith("file://"):
+        return Path(uri.removeprefix("file://"))
+    if uri.startswith("pvc://"):
+        claim, _, rest = uri.removeprefix("pvc://").partition("/")
+        return Path(storage.volumes[claim], rest)
+    return None

@@ -27,6 +27,7 @@ _DRIVER_LOG = "driver.log"
 # What was killed with a run ends within that; a driver that storage keeps waiting takes minutes.
 _DRIVER_SECONDS = 10.0
 _LOOK_SECONDS = 0.05
+_OTHERWISE = ", or choose another --results"
 # What decides no case and no verdict of a run on this machine.
 _INDIFFERENT = frozenset({
     "spark", "storage", "output", "backoffLimit", "managedBy", "suspend", "queueName",
@@ -66,8 +67,8 @@ def run_folder(
                     f"{folder} has {others}, which no run has left there: choose another --results"
                 )
             folder.mkdir(parents=True, exist_ok=True)
-            file = stack.enter_context(_opened(folder))
-            _wait_for_driver(folder / _DRIVER_LOG)
+            file = stack.enter_context(_opened(folder, _OTHERWISE))
+            _wait_for_driver(folder / _DRIVER_LOG, _OTHERWISE)
             if replace:
                 _remove(folder)
             else:
@@ -78,29 +79,47 @@ def run_folder(
         yield (folder / MANIFEST).exists()
 
 
-def _opened(folder: Path) -> BinaryIO:
+@contextlib.contextmanager
+def without_run(folder: Path) -> Iterator[None]:
+    """The folder while no run is in it and none begins, but where none has ever been.
+
+    Raises RunError where a run, or its driver, writes there.
+    """
+    with contextlib.ExitStack() as stack:
+        try:
+            if (folder / BEGUN).exists():
+                stack.enter_context(_opened(folder, ""))
+            _wait_for_driver(folder / _DRIVER_LOG, "")
+        except OSError as error:
+            raise RunError(f"{folder} can't be locked: {error.strerror}") from error
+        yield
+
+
+def _opened(folder: Path, otherwise: str) -> BinaryIO:
     """What a run began with, locked until it is closed. Raises RunError, and OSError."""
     flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC
     file = os.fdopen(os.open(folder / BEGUN, flags, 0o644), "r+b")
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError as error:
+        # Who deleted the folder meanwhile had the lock, and removed the file with it.
+        if not os.path.samestat(os.fstat(file.fileno()), (folder / BEGUN).stat()):
+            raise FileNotFoundError
+    except (BlockingIOError, FileNotFoundError) as error:
         file.close()
         raise RunError(
-            f"another run is writing into {folder}: wait for it, or choose another --results"
+            f"another run is writing into {folder}, or it is being deleted: wait{otherwise}"
         ) from error
     return file
 
 
-def _wait_for_driver(log: Path) -> None:
+def _wait_for_driver(log: Path, otherwise: str) -> None:
     """Returns when no driver of an earlier run writes to its log. Raises RunError, and OSError."""
     deadline = time.monotonic() + _DRIVER_SECONDS
     while _is_locked(log):
         if time.monotonic() >= deadline:
             raise RunError(
                 f"the driver of an earlier run still writes into {log.parent}, though that run was"
-                f" killed: wait until it has ended (`fuser {log}` shows its processes), or choose"
-                " another --results"
+                f" killed: wait until it has ended (`fuser {log}` shows its processes){otherwise}"
             )
         time.sleep(_LOOK_SECONDS)
 
