@@ -49,7 +49,9 @@ pub fn another_type(one: [&str; 3], other: [&str; 3]) -> Option<[String; 2]> {
     }
 }
 
-fn is_interface_file(definition: &str) -> bool {
+/// Whether a definition is one of IDL (`ros2idl`): a line of it begins with a module or struct, as
+/// no comment of a message file does.
+pub fn is_interface_file(definition: &str) -> bool {
     let mut lines = definition.lines().map(str::trim_start);
     lines.any(|line| line.starts_with("module ") || line.starts_with("struct "))
 }
@@ -64,19 +66,20 @@ fn fields(datatype: &str, definition: &str) -> BTreeMap<String, Vec<String>> {
             name = short(next.trim());
         } else if !line.starts_with("===") {
             let fields = found.entry(name.clone()).or_default();
-            fields.extend(field(line, &name));
+            fields.extend(field(line).map(|(kind, own)| format!("{} {own}", full(kind, &name))));
         }
     }
     found
 }
 
-/// A line's field as `TYPE NAME`, in a type of that name; `None` of a constant or of no field.
-fn field(line: &str, of: &str) -> Option<String> {
-    let (kind, rest) = line.split_once(char::is_whitespace)?;
+/// The type and the name of a message file's field, of a line without its comment; `None` of a
+/// constant, which takes no byte of a message, or of no field.
+pub fn field(line: &str) -> Option<(&str, &str)> {
+    let (kind, rest) = line.trim_start().split_once(char::is_whitespace)?;
     let rest = rest.trim_start();
     let end = rest.find(|each: char| each == '=' || each.is_whitespace()).unwrap_or(rest.len());
     let (name, value) = rest.split_at(end);
-    (!value.trim_start().starts_with('=')).then(|| format!("{} {name}", full(kind, of)))
+    (!name.is_empty() && !value.trim_start().starts_with('=')).then_some((kind, name))
 }
 
 /// A field's type with the package that it is of.
@@ -126,6 +129,17 @@ mod tests {
         assert_eq!(different(DEEP, named), None);
         // The other type is not known of both.
         assert_eq!(different(DEEP, "Point[2] points\n"), None);
+    }
+
+    #[test]
+    fn constants_and_comments_are_neither_fields_nor_interface_files() {
+        assert_eq!(field("string<=32 name"), Some(("string<=32", "name")));
+        assert_eq!(field("  string name \"a = b\""), Some(("string", "name")));
+        for line in ["int8 X=3", "string NAME = 'a'", "int8 =3", "int8 ", "int8", ""] {
+            assert_eq!(field(line), None, "{line}");
+        }
+        assert!(!is_interface_file("# To construct a map,\n# or a struct of one.\nint8 x\n"));
+        assert!(is_interface_file("// A.\nmodule a {\n  struct B {\n    double x;\n  };\n};\n"));
     }
 
     #[test]

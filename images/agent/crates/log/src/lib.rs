@@ -20,7 +20,7 @@ mod writing;
 
 pub use checked::{Checked, mixed_types};
 pub use copy::copy;
-pub use definition::{another_type, different_field};
+pub use definition::{another_type, different_field, field, is_interface_file};
 pub use error::RecordingError;
 pub use in_force::{
     LatchedState, Latcher, Late, MOST_IN_FORCE, TRANSFORMS_IN_FORCE, latched_depths, latchers,

@@ -4,7 +4,7 @@ use std::collections::{BTreeSet, VecDeque};
 use std::path::{Path, PathBuf};
 
 use bagpipe_graph::TopicInfo;
-use bagpipe_log::different_field;
+use bagpipe_log::{different_field, is_interface_file};
 
 /// Types of one definition: more are no message's.
 const MOST_TYPES: usize = 1000;
@@ -38,6 +38,11 @@ pub(crate) fn installed(datatype: &str, prefixes: &[PathBuf]) -> Option<String> 
         text.push_str(&format!("\n{LINE}\nMSG: {name}\n{own}"));
     }
     Some(text)
+}
+
+/// In what a definition is written, as a recording names it.
+pub(crate) fn schema_encoding(definition: &str) -> &'static str {
+    if is_interface_file(definition) { "ros2idl" } else { "ros2msg" }
 }
 
 /// Why nodes would read a topic's messages as something else, where both the topic and the prefixes
@@ -138,6 +143,15 @@ mod tests {
         assert_eq!(names, ["std_msgs/Header", "a/Mid", "builtin_interfaces/Time", "b/Low"]);
         assert!(text.starts_with("std_msgs/Header header\n"));
         assert_eq!(text.matches(LINE).count(), 4);
+    }
+
+    #[test]
+    fn a_comment_makes_no_message_file_an_interface_file() {
+        assert_eq!(schema_encoding("# What it takes to construct a map.\nint8 x\n"), "ros2msg");
+        assert_eq!(
+            schema_encoding("module a {\n  struct B {\n    octet x;\n  };\n};\n"),
+            "ros2idl"
+        );
     }
 
     #[test]

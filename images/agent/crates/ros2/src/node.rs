@@ -14,7 +14,7 @@ use bagpipe_ros2ledger::{Endpoint, Kind, Ledger, Unlisted};
 use bagpipe_ros2player::{GraphNode, Player, Qos, Reliability};
 
 use crate::audit::Reader;
-use crate::definition::{installed, otherwise_installed};
+use crate::definition::{installed, otherwise_installed, schema_encoding};
 use crate::error::failed;
 use crate::recording::{Input, Inputs, Receiving};
 use crate::seen::{namesakes, state};
@@ -138,7 +138,7 @@ impl Graph {
             md5sum: String::new(),
             read_stamp: stamp::reader(&definition),
             message_encoding: "cdr",
-            schema_encoding: if definition.contains("struct ") { "ros2idl" } else { "ros2msg" },
+            schema_encoding: schema_encoding(&definition),
             definition,
             latching: recorded.durability == bagpipe_ros2player::Durability::TransientLocal,
             offered_qos: Some(qos::yaml(publishers.iter().map(|one| &one.qos))),

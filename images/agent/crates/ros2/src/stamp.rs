@@ -1,14 +1,14 @@
 //! The stamp of messages that begin with a std_msgs/Header.
 
 use bagpipe_graph::ReadStamp;
+use bagpipe_log::{field, is_interface_file};
 
 /// How to read the stamps of messages of this definition, which is in ROS 2's message files or
 /// its interface files; `None` if they have none.
 pub(crate) fn reader(definition: &str) -> Option<ReadStamp> {
-    let kind = if definition.contains("struct ") {
-        first_member(definition)
-    } else {
-        first_field(definition)
+    let kind = match is_interface_file(definition) {
+        true => first_member(definition),
+        false => first_field(definition),
     };
     let has_header =
         matches!(kind, Some("Header" | "std_msgs/Header" | "std_msgs/msg/Header" | HEADER_IN_IDL));
@@ -20,17 +20,21 @@ const HEADER_IN_IDL: &str = "std_msgs::msg::Header";
 /// The type of the first field of a message file.
 fn first_field(definition: &str) -> Option<&str> {
     let lines = definition.lines().map(|line| line.split('#').next().unwrap_or(line).trim());
-    let own = lines
+    let mut own = lines
         .skip_while(|line| line.starts_with("===") || line.starts_with("MSG:"))
         .take_while(|line| !line.starts_with("==="));
-    // A constant takes no byte of the message.
-    let mut fields = own.filter(|line| !line.is_empty() && !line.contains('='));
-    fields.next()?.split_whitespace().next()
+    own.find_map(field).map(|(kind, _)| kind)
 }
 
 /// The type of the first member of the first struct of an interface file.
 fn first_member(definition: &str) -> Option<&str> {
-    let (_, inside) = definition.split_once("struct ")?.1.split_once('{')?;
+    // A comment may have the word as well.
+    let begins = |(at, _): &(usize, &str)| {
+        let before = definition[..*at].trim_end_matches([' ', '\t']);
+        before.is_empty() || before.ends_with(['\n', '{'])
+    };
+    let (at, _) = definition.match_indices("struct ").find(begins)?;
+    let (_, inside) = definition[at..].split_once('{')?;
     let mut lines = inside.lines().map(str::trim);
     let member = lines.find(|line| line.starts_with(|first: char| first.is_ascii_alphabetic()))?;
     member.split_whitespace().next()
@@ -60,6 +64,13 @@ mod tests {
         assert!(!has("float64 x\nstd_msgs/Header header\n"));
         assert!(!has("string data\n===\nMSG: std_msgs/Header\nstd_msgs/Header header\n"));
         assert!(!has(""));
+        assert!(has("# What it takes to construct a map.\nstd_msgs/Header header\n"));
+        for first in ["string<=32 name", "float64 limit 1.5", "string name \"a = b\""] {
+            assert!(!has(&format!("{first}\nstd_msgs/Header header\n")), "{first}");
+        }
+        for constant in ["uint8 LEFT=1", "uint8 LEFT = 1", "string<=32 NAME = 'a b'"] {
+            assert!(has(&format!("{constant}\nstd_msgs/Header header\n")), "{constant}");
+        }
     }
 
     #[test]
@@ -70,6 +81,10 @@ mod tests {
         assert!(reader(idl).is_some());
         let other = idl.replace("    std_msgs::msg::Header header;\n", "");
         assert!(reader(&other).is_none());
+        let comment = "module a {\n  // Not struct C { double x; }\n";
+        assert!(reader(&idl.replace("module a {\n", comment)).is_some());
+        let short = "module a { struct B { std_msgs::msg::Header header; }; };\n";
+        assert!(reader(short).is_some());
     }
 
     #[test]
