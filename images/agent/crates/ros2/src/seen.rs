@@ -10,7 +10,7 @@ use bagpipe_ros2player::GraphNode;
 /// does not show by itself.
 pub(crate) fn namesakes(endpoints: &[Endpoint], nodes: &[GraphNode]) -> BTreeSet<String> {
     let mut there: BTreeMap<&String, usize> = BTreeMap::new();
-    for node in nodes.iter().filter(|node| !is_hidden(&node.name)) {
+    for node in nodes.iter().filter(|node| !is_of_command_line(&node.name)) {
         *there.entry(&node.name).or_default() += 1;
     }
     let counting = |name: &String| {
@@ -21,9 +21,10 @@ pub(crate) fn namesakes(endpoints: &[Endpoint], nodes: &[GraphNode]) -> BTreeSet
     more.map(|(name, _)| name.clone()).collect()
 }
 
-/// Whether a name is one that tools hide, such as those of the command line's own nodes.
-fn is_hidden(name: &str) -> bool {
-    name.split('/').any(|part| part.starts_with('_'))
+/// Whether a name is one of `ros2`'s own nodes, which come and go and are none of the stack's. Any
+/// other name that tools hide, with a `_` before it, may be of one that is to be proved.
+fn is_of_command_line(name: &str) -> bool {
+    name.rsplit('/').next().is_some_and(|own| own.starts_with("_ros2cli"))
 }
 
 /// Who publishes and subscribes, by the ledger and by the graph, which knows those that do not count.
@@ -37,7 +38,7 @@ pub(crate) fn state(endpoints: &[Endpoint], nodes: &[GraphNode]) -> SystemState 
         };
         side.entry(one.topic.clone()).or_default().insert(one.node.clone());
     }
-    for node in nodes.iter().filter(|node| !is_hidden(&node.name)) {
+    for node in nodes.iter().filter(|node| !is_of_command_line(&node.name)) {
         for (topic, _) in &node.publishes {
             publishers.entry(topic.clone()).or_default().insert(node.name.clone());
         }
@@ -49,4 +50,33 @@ pub(crate) fn state(endpoints: &[Endpoint], nodes: &[GraphNode]) -> SystemState 
         side.into_iter().map(|(topic, nodes)| (topic, nodes.into_iter().collect())).collect()
     };
     SystemState { publishers: listed(publishers), subscribers: listed(subscribers) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn node(name: &str, subscribes: &str, publishes: &str) -> GraphNode {
+        let on = |topic: &str| vec![(topic.to_owned(), "std_msgs/msg/String".to_owned())];
+        GraphNode { name: name.to_owned(), publishes: on(publishes), subscribes: on(subscribes) }
+    }
+
+    #[test]
+    fn who_does_not_count_is_seen_whatever_its_name_is_but_for_the_command_line_s_nodes() {
+        let names = ["/_lane", "/_ns/lane", "/lane", "/ns/_lane", "/_ros2cli/lane"];
+        let command_line = ["/_ros2cli_4711", "/_ros2cli_daemon_0_5b9c4f7d", "/ns/_ros2cli_4712"];
+        let all = names.iter().chain(&command_line);
+        let nodes: Vec<GraphNode> = all.map(|name| node(name, "/in", "/out")).collect();
+        let SystemState { publishers, subscribers } = state(&[], &nodes);
+        let mut seen = names.map(str::to_owned).to_vec();
+        seen.sort();
+        assert_eq!((&subscribers["/in"], &publishers["/out"]), (&seen, &seen));
+    }
+
+    #[test]
+    fn of_two_nodes_of_one_name_one_may_not_count() {
+        let nodes = |name: &str| [node(name, "/in", "/out"), node(name, "/in", "/out")];
+        assert_eq!(namesakes(&[], &nodes("/_lane")), BTreeSet::from(["/_lane".to_owned()]));
+        assert_eq!(namesakes(&[], &nodes("/_ros2cli_4711")), BTreeSet::new());
+    }
 }
