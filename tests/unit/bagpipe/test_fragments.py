@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bagpipe.plan.bag_tail import BagTail, Chunk, Connection, message_times, read_tail
+from bagpipe.plan.bag_tail import BagError, BagTail, Chunk, Connection, message_times, read_tail
+from bagpipe.plan.by_time import ChunksByTime
 from bagpipe.plan.fragments import FragmentPlan, Window, cut, cut_one
 from tests.recording import fetch
 from tests.unit.bagpipe.bags import Recorded, steady, write_bag
@@ -39,6 +40,51 @@ def test_the_real_pr2_recording_gives_four_fragments_of_four_seconds() -> None:
     lengths = [round((f.window.end - f.window.start) / SECOND, 2) for f in fragments]
     assert lengths == [3.69, 3.65, 4.66, 4.0]
     assert [f.window.start - f.window.lead_in_start for f in fragments] == [0, *[SECOND] * 3]
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    spans=st.lists(st.tuples(st.integers(0, 60), st.integers(0, 60)), max_size=50),
+    windows=st.lists(st.tuples(st.integers(-5, 130), st.integers(0, 40)), min_size=1, max_size=9),
+)
+def test_a_window_finds_the_chunks_that_reach_into_it_by_their_first_times(
+    spans: list[tuple[int, int]], windows: list[tuple[int, int]]
+) -> None:
+    chunks = [Chunk(n, n + 1, at, at + lasts, {}) for n, (at, lasts) in enumerate(spans)]
+    for start, length in windows:
+        wanted = [c for c in chunks if c.start_time < start + length and c.end_time >= start]
+        found = ChunksByTime(chunks).near(start, start + length)
+        assert found == sorted(wanted, key=lambda chunk: chunk.start_time)
+
+
+class Compared(int):
+    """A time that counts how often such times are compared."""
+
+    times = 0
+
+    def __ge__(self, other: int) -> bool:
+        Compared.times += 1
+        return int(self) >= other
+
+    def __lt__(self, other: int) -> bool:
+        Compared.times += 1
+        return int(self) < other
+
+
+def test_a_chunk_that_spans_the_recording_costs_no_window_a_look_at_all_before_it() -> None:
+    spans = [(0, 10_000), *((at, at + 1) for at in range(10_000))]
+    by_time = ChunksByTime(Chunk(a, a + 1, a, Compared(b), {0: 1}) for a, b in spans)
+    for start in range(0, 10_000, 100):
+        assert 10 <= len(by_time.near(start, start + 10)) <= 13
+    # A hundred windows of a dozen chunks, where all before them are half a million.
+    assert Compared.times < 100 * 200
+
+
+def test_chunks_that_all_span_the_recording_are_refused_where_they_make_too_many_pieces() -> None:
+    spanning = tail_with([(0.0, 9_999.0, {0: 5})] * 2_000, SCAN)
+    assert len(cut(spanning, ["/scan"], 1_000 * SECOND, 0)) == 10
+    with pytest.raises(BagError, match="overlap"):
+        cut(spanning, ["/scan"], SECOND, 0)
 
 
 @settings(max_examples=200, deadline=None)

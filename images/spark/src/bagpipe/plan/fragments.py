@@ -20,6 +20,8 @@ from bagpipe.plan.stated_times import stated_by
 _SNAP = 0.25
 # As many windows as the driver can hold: a single wrong time makes more of them.
 _MOST_WINDOWS = 1_000_000
+# As many chunks in windows as it can hold: where all chunks span a recording, each window has all.
+_MOST_PIECES = 10_000_000
 
 # Times in ns of a chunk's messages for each connection; it raises BagError where nothing says them.
 Times = Callable[[Chunk], dict[int, list[int]]]
@@ -57,7 +59,7 @@ def cut(
     Empty where the bag has no message on any of the topics. A chunk that was open during a gap
     reaches over windows that it has no message in: `times` looks at its index records. Raises
     ValueError for a length of less than a nanosecond, and BagError where the times of the messages
-    lie too far apart for that length.
+    lie too far apart for that length, or too many chunks reach over too many windows.
     """
     if length < 1:
         raise ValueError(f"a fragment lasts at least 1 ns, and not {length}")
@@ -67,13 +69,7 @@ def cut(
         return []
     begin = min(chunk.start_time for chunk in chunks)
     end = max(chunk.end_time for chunk in chunks) + 1
-    if (end - begin) // length > _MOST_WINDOWS:
-        raise BagError(
-            "BagUnreadable",
-            f"its messages are logged from {begin} to {end - 1} ns, which is more than"
-            f" {_MOST_WINDOWS:,} fragments of {length / 1e9:g} s: a time among them is wrong, or"
-            " the fragments are too short",
-        )
+    _check_room(chunks, begin, end, length)
     edges = _edges(begin, end, length, sorted(chunk.start_time for chunk in chunks))
     cutter = _Cutter(tail, chunks, wanted)
     recorded = _Recorded(cutter.by_time, wanted, times)
@@ -82,6 +78,26 @@ def cut(
         for number, (start, stop) in enumerate(itertools.pairwise(edges))
         if recorded.between(start, stop)
     ]
+
+
+def _check_room(chunks: list[Chunk], begin: int, end: int, length: int) -> None:
+    """Raises BagError where the windows are more than the driver can hold, or their chunks."""
+    windows = (end - begin) // length
+    if windows > _MOST_WINDOWS:
+        raise BagError(
+            "BagUnreadable",
+            f"its messages are logged from {begin} to {end - 1} ns, which is more than"
+            f" {_MOST_WINDOWS:,} fragments of {length / 1e9:g} s: a time among them is wrong, or"
+            " the fragments are too short",
+        )
+    pieces = sum(min(windows, (c.end_time - c.start_time) // length) for c in chunks)
+    if pieces > _MOST_PIECES:
+        raise BagError(
+            "BagUnreadable",
+            f"its {len(chunks):,} chunks overlap so much that fragments of {length / 1e9:g} s have"
+            f" {pieces:,} of them in all, and at most {_MOST_PIECES:,} are planned: write it again"
+            " in the order of its times (MCAP: `mcap sort`), or make the fragments longer",
+        )
 
 
 def cut_one(tail: BagTail, topics: list[str], window: Window) -> FragmentPlan:
@@ -185,14 +201,17 @@ class _Cutter:
     def __init__(self, tail: BagTail, chunks: list[Chunk], wanted: set[int]) -> None:
         latching = [c for c in tail.connections if c.in_force and c.id in wanted]
         self.by_time = ChunksByTime(chunks)
-        self._wanted = wanted
+        self._messages = {
+            chunk.offset: sum(n for each, n in chunk.counts.items() if each in wanted)
+            for chunk in chunks
+        }
         self._in_force = Latched(chunks, latching)
 
     def fragment(self, window: Window) -> FragmentPlan:
         """The window with its lead-in, and with what is in force before that."""
         near = self.by_time.near(window.lead_in_start, window.end)
         needed = {chunk.offset: chunk for chunk in near}
-        messages = sum(n for c in needed.values() for k, n in c.counts.items() if k in self._wanted)
+        messages = sum(self._messages[offset] for offset in needed)
         for chunk in self._in_force.chunks_at(window.lead_in_start):
             needed[chunk.offset] = chunk
         chunks = list(needed.values())
