@@ -190,6 +190,16 @@ npm-packages: $(VENV)
 	    PATH="$$PWD/.venv/bin:$$PATH" npm ci --prefix "$(NPM_FOLDER).new" --ignore-scripts --no-audit --no-fund --silent; \
 	    rm -rf "$(NPM_FOLDER)"; mv "$(NPM_FOLDER).new" "$(NPM_FOLDER)"'
 
+# Nothing else needs these 300 packages: Grafana's components, which draw the dashboards.
+PICTURES_LOCK := tests/pictures/board
+PICTURES_FOLDER := $(BAGPIPE_CACHE)/npm/pictures
+.PHONY: pictures
+pictures: preflight-all venv test-programs recording agent ## Make the documentation's pictures of dashboards and report again
+	$(STEP) "Getting Grafana's components" --if-it-fails "Is the npm registry reachable? Then run it again." -- \
+	  bash -euc 'rm -rf "$(PICTURES_FOLDER)"; mkdir -p "$(PICTURES_FOLDER)"; cp $(PICTURES_LOCK)/package*.json "$(PICTURES_FOLDER)"; \
+	    PATH="$$PWD/.venv/bin:$$PATH" npm ci --prefix "$(PICTURES_FOLDER)" --ignore-scripts --no-audit --no-fund --silent'
+	$(STEP) "Making pictures" -- env BAGPIPE_PICTURES_PACKAGES="$(PICTURES_FOLDER)" $(PYTEST) tests/pictures/make.py
+
 # Without ROS or the recording its tests fail; BAGPIPE_WITHOUT_ROS=1 leaves out what needs ROS.
 .PHONY: test-rust
 test-rust: recording test-agent fastdds npm-packages ## Run the agent's tests, against Debian's ROS (part of test)

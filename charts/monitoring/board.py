@@ -14,6 +14,14 @@ SOURCE = models.DataSourceRef(type_val="prometheus", uid="${datasource}")
 RATE = "[$__rate_interval]"
 
 
+# From which figure on a number has which colour. Without one it says nothing of good and bad.
+Colors = tuple[tuple[float | None, str], ...]
+NEUTRAL: Colors = ((None, "text"),)
+GOOD: Colors = ((None, "green"),)
+NONE_IS_GOOD: Colors = ((None, "green"), (1, "red"))
+ONE_IS_GOOD: Colors = ((None, "red"), (1, "green"), (2, "red"))
+
+
 @dataclass(frozen=True)
 class Panel:
     """One panel: `queries` are pairs of an expression and its legend."""
@@ -26,6 +34,7 @@ class Panel:
     normal: str = ""  # what it shows on a good day
     # Title and address for each series, with variables of its labels.
     links: tuple[tuple[str, str], ...] = ()
+    colors: Colors = NEUTRAL  # of numbers and bars
 
 
 @dataclass(frozen=True)
@@ -113,6 +122,8 @@ def _panel(panel: Panel) -> Any:
     made.height(7).span(6 if panel.kind == "number" else 8)
     if panel.links:
         made.data_links([builders.DashboardLink(title).url(url) for title, url in panel.links])
+    if panel.kind != "lines":
+        made.thresholds(_thresholds(panel.colors))
     if panel.kind == "bars":
         made.min(0).orientation(VizOrientation.HORIZONTAL)
     if panel.kind == "lines":
@@ -121,6 +132,11 @@ def _panel(panel: Panel) -> Any:
         query = prometheus.Dataquery().expr(expression).legend_format(legend).ref_id(letter)
         made.with_target(query.range() if panel.kind == "lines" else query.instant())
     return made
+
+
+def _thresholds(colors: Colors) -> builders.ThresholdsConfig:
+    steps = [models.Threshold(value=value, color=color) for value, color in colors]
+    return builders.ThresholdsConfig().mode(models.ThresholdsMode.ABSOLUTE).steps(steps)
 
 
 def fleet(metric: str, by: str = "") -> str:

@@ -1,6 +1,7 @@
 """The dashboards of those who run Bagpipe, and all of them in their order."""
 
 from charts.monitoring.board import (
+    ONE_IS_GOOD,
     RATE,
     Board,
     Panel,
@@ -112,7 +113,7 @@ JOB = Board(
                   [(_rate_of_job("bagpipe_cases_ended_total", "outcome"), "{{outcome}}")]),
             Panel("Runs that did not pass", "ops",
                   "Per second, by reason; those that were tried again too.",
-                  [(_rate_of_job("bagpipe_case_faults_total", "reason"), "{{reason}}")]),
+                  [(_rate_of_job("bagpipe_case_faults_total", "reason") + " > 0", "{{reason}}")]),
         ],
         "Replay": [
             Panel("Time of a case", "s", "With all its tries.",
@@ -253,7 +254,7 @@ OPERATOR = Board(
     {
         "Health": [
             Panel("Leaders", "short", "One of the replicas leads; 0 and 2 are faults.",
-                  [("sum(bagpipe_leader)", "leaders")], "number"),
+                  [("sum(bagpipe_leader)", "leaders")], "number", colors=ONE_IS_GOOD),
             Panel("Replicas", "short", "Replicas that Prometheus reaches, by release.",
                   [("count by (version) (bagpipe_operator_info)", "{{version}}")], "number"),
             Panel("Age of a status", "s", "Of the job that was looked at the longest ago.",

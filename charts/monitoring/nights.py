@@ -1,6 +1,6 @@
 """The dashboard of engineers: what the jobs of schedules found, night after night."""
 
-from charts.monitoring.board import Board, Panel, address
+from charts.monitoring.board import GOOD, NONE_IS_GOOD, Board, Panel, address
 
 _WHOSE = "job_namespace, schedule"
 _NAME = "{{job_namespace}}/{{schedule}}"
@@ -35,15 +35,16 @@ NIGHTS = Board(
             Panel("Red schedules", "short", "Schedules whose last job did not pass, by verdict.",
                   [(("max by (verdict)"
                      ' (bagpipe_schedules_last_job{verdict=~"Failed|Invalid|Errored"})'),
-                    "{{verdict}}")], "number", normal="0 of each."),
+                    "{{verdict}}")], "number", normal="0 of each.", colors=NONE_IS_GOOD),
             Panel("Green schedules", "short", "Schedules whose last job passed.",
                   [('max(bagpipe_schedules_last_job{verdict="Passed"})', "passed")], "number",
-                  normal="as many as there are schedules that are not suspended."),
+                  normal="as many as there are schedules that are not suspended.", colors=GOOD),
             Panel("Red for", "s", "Since a job of the schedule that is red the longest passed.",
                   [("max(bagpipe_schedules_longest_red_seconds)", "red")], "number",
-                  normal="0; two days ring an alarm."),
+                  normal="0; two days ring an alarm.", colors=NONE_IS_GOOD),
             Panel("Regressed cases", "short", "Cases that got worse than in their baseline.",
-                  [(f"sum({_cases('regressed')})", "cases")], "number", normal="0."),
+                  [(f"sum({_cases('regressed')})", "cases")], "number", normal="0.",
+                  colors=NONE_IS_GOOD),
         ],
         "Over the nights": [
             Panel("Verdict", "short", "1 while it is that of the schedule's last job.",
@@ -71,7 +72,7 @@ NIGHTS = Board(
         "The last jobs, the worst first": [
             Panel("Regressions", "short", "Cases that got worse than in their baseline.",
                   [(f"sort_desc({_with_job(_cases('regressed'))})", _NAME)], "bars",
-                  normal="0.", links=(_JOB,)),
+                  normal="0.", links=(_JOB,), colors=NONE_IS_GOOD),
             Panel("Flakiest", "short", "Cases whose rounds do not agree, by no more than chance.",
                   [(f"topk(10, {_with_job(_cases('flaky'))})", _NAME)], "bars",
                   normal="0; a handful at most.", links=(_JOB,)),
