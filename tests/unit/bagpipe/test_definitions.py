@@ -5,7 +5,7 @@ import time
 import pytest
 from rosbags.interfaces import Nodetype
 
-from bagpipe.definitions import types_in
+from bagpipe.definitions import MOST_FIELDS, types_in
 from bagpipe.idl import MOST_CHARACTERS, MOST_EXPRESSIONS
 
 NEXT = "\n" + "=" * 80 + "\n"
@@ -77,6 +77,45 @@ def test_arrays_that_cost_more_than_their_bytes_are_refused(
 ) -> None:
     with pytest.raises(ValueError, match=fault):
         types_in("p/msg/X", definition, encoding)
+
+
+def doubled(top: str, last: str, depth: int = 40) -> str:
+    """Types of which each has two fields of the next: 2^depth of the last one."""
+    inner = [f"MSG: p/T{n}\nT{n + 1} a\nT{n + 1} b" for n in range(depth - 1)]
+    return NEXT.join([top, *inner, f"MSG: p/T{depth - 1}\n{last}"])
+
+
+@pytest.mark.parametrize(
+    ("definition", "fault"),
+    [
+        (doubled("T0[] x", ""), "X.x is an array of p/msg/T0, which has no bytes"),
+        (doubled("T0[] x", "uint8 structure_needs_at_least_one_member"), "which has no bytes"),
+        (doubled("T0 x", ""), "has, with those of its fields' types, more than 100000 fields"),
+        (doubled("T0 x", "uint8 v"), f"more than {MOST_FIELDS} fields"),
+        (
+            doubled("T0 x\nuint8 v", "", 8),
+            "X can take 1 B and have 257 values, more than 16 for a byte",
+        ),
+        ("uint8 v" + "".join(f"\nfloat64[0] x{n}" for n in range(150)), "1 B and have 152 values"),
+        ("bool a\n" * 40_000, "it has 280000 characters, more than 262144"),
+        ("# " + "a" * MOST_CHARACTERS, "characters, more than"),
+    ],
+)
+@pytest.mark.parametrize("encoding", ["ros1msg", "ros2msg"])
+def test_a_short_definition_of_a_large_message_is_refused_at_once(
+    definition: str, fault: str, encoding: str
+) -> None:
+    begun = time.process_time()
+    with pytest.raises(ValueError, match=fault):
+        types_in("p/msg/X", definition, encoding)
+    assert time.process_time() - begun < SECONDS
+
+
+def test_types_within_types_of_a_robot_are_read() -> None:
+    """Twelve levels, an action's empty goals, and 8,000 values that have a byte each."""
+    definition = doubled("T0 x\nEmpty goal\nEmpty result\nBool[4000] y", "float64 v\nbool w", 12)
+    definition += NEXT + "MSG: p/Empty\n" + NEXT + "MSG: p/Bool\nbool data"
+    assert len(types_in("p/msg/X", definition, "ros1msg")) == 15
 
 
 def test_arrays_of_a_robot_are_read() -> None:

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from bagpipe.source import stamps
 from bagpipe.source.stamps import StampError, moved
 
 SECOND = 1_000_000_000
@@ -194,6 +195,53 @@ def test_a_number_of_elements_that_can_t_be_there_ends_at_once() -> None:
     text = f"Odd[] odd\nstd_msgs/Header header\n{BREAK}\nMSG: x/Odd\nint8 a\nint64 b\n{HEADER}"
     with pytest.raises(StampError, match="is no x/msg/T as its definition has it"):
         moved(cdr(text), LITTLE + b"\xff" * 40, SECOND)
+
+
+def doubled(fields: str, depth: int = 14) -> str:
+    """Types of which each has two fields of the next, and a header behind them."""
+    parts = [f"{BREAK}\nMSG: x/T{n}\nT{n + 1} a\nT{n + 1} b\n" for n in range(depth)]
+    parts.append(f"{BREAK}\nMSG: x/T{depth}\n{fields}\n")
+    return f"T0 x\nstd_msgs/Header header\n{''.join(parts)}{HEADER}"
+
+
+def test_a_type_is_looked_at_once_however_many_fields_have_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    made: list[str] = []
+
+    def named(self: Any, name: str, types: Any, within: tuple[str, ...]) -> Any:
+        made.append(name)
+        return one(self, name, types, within)
+
+    one = stamps._Shapes._named
+    monkeypatch.setattr(stamps._Shapes, "_named", named)
+    with pytest.raises(StampError, match="is no x/msg/T as its definition has it"):
+        moved(cdr(doubled("uint8 v")), LITTLE + bytes(12), SECOND)
+    assert len(made) < 50
+
+
+@pytest.mark.parametrize("fields", ["uint8 a\nuint16 b", "string a", "uint8 a\nstring[0] b"])
+def test_a_short_message_of_a_large_type_is_walked_to_its_end_alone(
+    monkeypatch: pytest.MonkeyPatch, fields: str
+) -> None:
+    steps: list[int] = []
+
+    def start(self: Any, at: int, unit: int) -> int:
+        steps.append(at)
+        return one(self, at, unit)
+
+    one = stamps._Shapes._start
+    monkeypatch.setattr(stamps._Shapes, "_start", start)
+    with pytest.raises(StampError, match="is no x/msg/T as its definition has it"):
+        moved(cdr(doubled(fields)), LITTLE + bytes(12), SECOND)
+    assert len(steps) < 50
+
+
+@pytest.mark.parametrize("array", ["uint16[0]", "string[0]", "std_msgs/Header[0]"])
+def test_an_array_of_nothing_moves_no_stamp_behind_it(array: str) -> None:
+    definition = cdr(f"uint32 a\n{array} none\nstd_msgs/Header header\n{HEADER}")
+    found = moved(definition, LITTLE + bytes(4) + stamped("<", 7), SECOND)
+    assert found == LITTLE + bytes(4) + stamped("<", 8)
 
 
 def test_messages_in_no_known_encoding_are_refused() -> None:

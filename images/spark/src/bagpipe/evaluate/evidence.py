@@ -8,7 +8,7 @@ import statistics
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import bagpipe
 from bagpipe.evaluate.decoding import decoder, stamp_reader
@@ -21,6 +21,7 @@ _BEFORE_STAMP = 4
 # Between inputs: a silence that is longer than half a second and ten usual steps is a gap.
 _LEAST_GAP, _GAP_STEPS = 500_000_000, 10
 Bytes = Callable[[], bytes]
+Made = TypeVar("Made")
 
 
 class _Pair(NamedTuple):
@@ -60,6 +61,29 @@ class Received(NamedTuple):
         return (self.stamp, hash(bytes(self.raw[_BEFORE_STAMP:]))) if self.stamp else id(self)
 
 
+class _ForTypes(Generic[Made]):
+    """What is made once for each type, however many connections a recording has of it."""
+
+    def __init__(self, make: Callable[[Any], Made]) -> None:
+        self._make = make
+        self._of_connections: dict[int, Made] = {}
+        self._of_types: dict[tuple[str, str, str, str], Made] = {}
+
+    def of(self, connection: Any) -> Made:
+        """Raises what making raises, for each connection again."""
+        if connection.id not in self._of_connections:
+            kind = (
+                connection.type,
+                connection.definition,
+                connection.schema_encoding,
+                connection.encoding,
+            )
+            if kind not in self._of_types:
+                self._of_types[kind] = self._make(connection)
+            self._of_connections[connection.id] = self._of_types[kind]
+        return self._of_connections[connection.id]
+
+
 class Recording:
     """One recording, of the stack or of the job's source; it is read when first asked for."""
 
@@ -69,6 +93,8 @@ class Recording:
         self._end = end
         self._samples: dict[str, list[Sample]] = {}
         self._received: dict[str, list[Received]] = {}
+        self._stamp_readers = _ForTypes(stamp_reader)
+        self._decoders = _ForTypes(decoder)
 
     @cached_property
     def _opened(self) -> "bagpipe.MemoryBag | bagpipe.MemoryMcap":
@@ -100,12 +126,9 @@ class Recording:
         Raises NoEvidenceError for a recording that is damaged.
         """
         if topic not in self._received:
-            readers: dict[int, Callable[[memoryview], int | None] | None] = {}
             found = []
             for connection, time, raw in self._messages(topic):
-                if connection.id not in readers:
-                    readers[connection.id] = stamp_reader(connection)
-                stamp_of = readers[connection.id]
+                stamp_of = self._stamp_readers.of(connection)
                 found.append(Received(time, raw, connection, stamp_of(raw) if stamp_of else None))
             if (damage := self._opened.damage) is not None:
                 raise NoEvidenceError(f"the recording is damaged: expected {damage.description}")
@@ -135,14 +158,12 @@ class Recording:
         if topic not in self._names:
             there = ", ".join(self.topics[:10]) or "nothing"
             raise NoEvidenceError(f"no message on {topic} was recorded; there is {there}")
-        decoders: dict[int, Callable[[memoryview], Any]] = {}
         found = []
         for each in self.received(topic):
             connection = each.connection
-            if connection.id not in decoders:
-                decoders[connection.id] = decoder(connection)
+            decode = self._decoders.of(connection)
             try:
-                found.append(Sample.of(each, decoders[connection.id](each.raw)))
+                found.append(Sample.of(each, decode(each.raw)))
             except Exception as error:  # a library's many faults at hostile bytes
                 raise NoEvidenceError(
                     f"a message on {topic} at {each.time / 1e9:.3f} s can't be read as"

@@ -120,6 +120,7 @@ class _Shapes:
 
     def __init__(self, *, aligned: bool) -> None:
         self._aligned = aligned
+        self._known: dict[str, _Shape] = {}
         self.header = _Shape(self._header, None, 1, stamped=True)
 
     def of(self, kind_and_detail: Any, types: Any, within: tuple[str, ...]) -> _Shape:
@@ -144,21 +145,29 @@ class _Shapes:
             return self._fixed(8, 4)
         if name in within:
             raise StampError(f"{name} holds itself")
-        fields = types[name][1]
-        if not fields and self._aligned:
-            return self._fixed(1, 1)  # ROS 2 has no empty types: one byte stands for nothing
-        return self.in_a_row([self.of(each, types, (*within, name)) for _, each in fields])
+        if name not in self._known:
+            fields = types[name][1]
+            self._known[name] = (
+                self.in_a_row([self.of(each, types, (*within, name)) for _, each in fields])
+                if fields or not self._aligned
+                else self._fixed(1, 1)  # ROS 2 has no empty types: one byte stands for nothing
+            )
+        return self._known[name]
 
     def in_a_row(self, shapes: list[_Shape]) -> _Shape:
-        """One behind the other."""
+        """One behind the other. One without a size takes a byte at least, so that a walk has no
+        more steps than its message has bytes.
+        """
         sizes = [shape.size for shape in shapes if shape.size is not None]
-        units = {shape.unit for shape in shapes}
+        units = {shape.unit for shape in shapes if shape.size != 0}
         if len(sizes) == len(shapes) and len(units) < 2:
             return self._fixed(sum(sizes), next(iter(units), 1))
 
         def walk(message: _Message, at: int) -> int:
             for shape in shapes:
                 at = shape.walk(message, at)
+                if at > len(message.data):
+                    raise struct.error("behind the end")
             return at
 
         return _Shape(walk, None, 1, any(shape.stamped for shape in shapes))
@@ -173,6 +182,8 @@ class _Shapes:
 
     def _array(self, inner: _Shape, count: int | None) -> _Shape:
         """Of `count` elements, or of as many as stand before them."""
+        if count == 0:
+            return self._fixed(0, 1)
         if count is not None and inner.size is not None:
             return self._fixed(count * inner.size, inner.unit)
 
