@@ -33,8 +33,8 @@ CRITERIA: dict[str, dict[str, Any]] = {
     "known fault": {"error": TRUTH | {"metric": "max"}, "expectFailure": True},
 }
 EVALUATE = [{"name": name} | kind for name, kind in CRITERIA.items()]
-# In lock-step an answer has its input's time, so that nobody may ask how late it was.
-STEPPED_EVALUATE = [each for each in EVALUATE if "latency" not in each]
+# In lock-step and in max bag time waits for the stack: nobody may ask how late an answer was.
+WITHOUT_LATENCY = [each for each in EVALUATE if "latency" not in each]
 RECORDED = [ANSWER, "/alarm", "/map_frame", "/status", "/ego", "/obstacles"]
 
 
@@ -62,7 +62,7 @@ class Job:
             "source": source | self.changed.get("source", {}),
             "playback": patience | {"subscribeTimeout": "40s"} | self.playback,
             "record": {"topics": RECORDED},
-            "evaluate": STEPPED_EVALUATE if self.playback["mode"] == "lockstep" else EVALUATE,
+            "evaluate": EVALUATE if self.playback["mode"] == "realtime" else WITHOUT_LATENCY,
         } | {key: self.changed[key] for key in ("faultPolicy",) if key in self.changed}
 
 

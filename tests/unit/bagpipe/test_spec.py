@@ -80,6 +80,14 @@ def test_defaults() -> None:
             },
             r"evaluate\[fast\] has latency, and in lock-step an answer has the time of its input",
         ),
+        (
+            {
+                "playback": {"mode": "max"},
+                "record": {"topics": ["/b"]},
+                "evaluate": [{"name": "fast", "latency": {"topic": "/b", "max": "1s"}}],
+            },
+            r"evaluate\[fast\] has latency, and in max an answer has the time of the last input",
+        ),
         ({"playback": {"steps": [{"trigger": "/a", "answer": "/b"}]}}, "write that as well"),
         ({"playback": {"mode": "lockstep", "steps": [{"trigger": "a", "answer": "/b"}]}}, "/a"),
         ({"stack": {"image": "x", "command": []}}, "at least 1 item"),

@@ -325,14 +325,19 @@ class SimulationJobSpec(_Model):
         return self
 
     @model_validator(mode="after")
-    def _lock_step_has_no_latency(self) -> Self:
-        """In lock-step an answer is recorded at its input's time, whatever the stack needed."""
+    def _latency_is_of_real_time(self) -> Self:
+        """Else bag time waits for the stack, however long it takes."""
         late = next((each.name for each in self.evaluate if each.latency), None)
         if late is not None and self.playback.mode == "lockstep":
             raise ValueError(
                 f"evaluate[{late}] has latency, and in lock-step an answer has the time of its"
                 " input, however long it took: write a deadline into playback.steps, or play in"
                 " realtime"
+            )
+        if late is not None and self.playback.mode == "max":
+            raise ValueError(
+                f"evaluate[{late}] has latency, and in max an answer has the time of the last input"
+                " that was handed over, however long it took: play in realtime"
             )
         return self
 
