@@ -256,8 +256,8 @@ _Publisher = tuple[int, str, str, str, str, int, str, int, int]
 # offset, end, start and end time in ns, messages for each connection, where its index begins and
 # how it is compressed (None: its own record says that)
 _Span = tuple[int, int, int, int, dict[int, int], int | None, str | None]
-# (offset, length) of what precedes chunks
-_Index = tuple[list[tuple[int, int]], list[_Publisher], list[_Span]]
+# (offset, length) of what precedes chunks, and whether statistics count the messages of each channel
+_Index = tuple[list[tuple[int, int]], list[_Publisher], list[_Span], bool]
 
 # Each raises TailError; `base` and `offset` are where the bytes lie in the file.
 def parse_head(data: bytes, size: int) -> _Head:
@@ -289,6 +289,12 @@ def index_times(data: bytes, base: int) -> dict[int, list[int]]:
 
 def split_record(data: bytes, at: int, base: int) -> tuple[dict[str, bytes], int, int]:
     """Fields of the record at `at`, and where its data begins and ends in `data`."""
+
+def different_field(datatype: str, one: str, other: str) -> tuple[str, str] | None:
+    """The first field that two definitions of a type have differently, as each of them has it.
+
+    None where their messages are laid out alike, and where a definition is empty or in IDL.
+    """
 
 def connection_fields(record: bytes, offset: int) -> dict[str, bytes]:
     """What a CONNECTION record says of its publisher."""

@@ -88,4 +88,7 @@ pub struct Index {
     pub connections: Vec<Publisher>,
     /// All of them.
     pub chunks: Vec<Span>,
+    /// False for a file of MCAP whose statistics don't count the messages of each channel: nothing
+    /// but the chunk indexes says which chunks a topic is in.
+    pub counted: bool,
 }

@@ -293,14 +293,9 @@ impl Summary {
         let mut declarations = vec![(0, head_end)];
         in_places(schemas.values().map(|(_, place)| *place), &mut declarations);
         in_places(channels.values().map(|(_, place)| *place), &mut declarations);
-        let types: HashMap<u16, Type> =
-            schemas.iter().map(|(id, (schema, _))| (*id, Type::of(Some(schema)))).collect();
-        let untyped = Type::of(None);
-        let connections = channels.values().map(|(channel, place)| {
-            publisher(channel, types.get(&channel.schema_id).unwrap_or(&untyped), *place)
-        });
-        let connections = connections.collect();
-        Ok(Index { declarations, connections, chunks })
+        let connections = publishers(&channels, &schemas);
+        let counted = !statistics.by_channel.is_empty();
+        Ok(Index { declarations, connections, chunks, counted })
     }
 }
 
@@ -376,6 +371,19 @@ fn join(ranges: &mut Vec<Range>, (offset, length): Range) {
         Some(last) if last.0 + last.1 == offset => last.1 += length,
         _ => ranges.push((offset, length)),
     }
+}
+
+fn publishers(
+    channels: &BTreeMap<u16, (Channel, Range)>,
+    schemas: &BTreeMap<u16, (Schema, Range)>,
+) -> Vec<Publisher> {
+    let types: HashMap<u16, Type> =
+        schemas.iter().map(|(id, (schema, _))| (*id, Type::of(Some(schema)))).collect();
+    let untyped = Type::of(None);
+    let each = |(channel, place): &(Channel, Range)| {
+        publisher(channel, types.get(&channel.schema_id).unwrap_or(&untyped), *place)
+    };
+    channels.values().map(each).collect()
 }
 
 fn publisher(channel: &Channel, of: &Type, (offset, length): Range) -> Publisher {

@@ -143,6 +143,8 @@ fn without_statistics_the_indexes_themselves_count() {
     let index = read(&sample(WriteOptions::new().emit_statistics(false))).unwrap();
     let counts = index.chunks.iter().flat_map(|chunk| &chunk.counts).map(|(_, count)| count);
     assert_eq!(counts.sum::<u32>(), 80);
+    assert!(!index.counted);
+    assert!(read(&sample(WriteOptions::new())).unwrap().counted);
 }
 
 proptest! {

@@ -25,8 +25,8 @@ type HeadFields = (u64, u32, u32);
 pub type PublisherFields = (u32, String, String, String, String, u32, String, u64, u64);
 /// (offset, end, start time, end time, counts, index, compression)
 type SpanFields<'py> = (u64, u64, u64, u64, Bound<'py, PyDict>, Option<u64>, Option<String>);
-/// (declarations, connections, chunks)
-type IndexFields<'py> = (Vec<(u64, u64)>, Vec<PublisherFields>, Vec<SpanFields<'py>>);
+/// (declarations, connections, chunks, counted)
+type IndexFields<'py> = (Vec<(u64, u64)>, Vec<PublisherFields>, Vec<SpanFields<'py>>, bool);
 
 #[pyfunction]
 pub fn parse_head(data: PyBackedBytes, size: u64) -> PyResult<HeadFields> {
@@ -56,7 +56,8 @@ fn fields(py: Python<'_>, found: Index) -> PyResult<IndexFields<'_>> {
         let Span { offset, end, index, compression, start_time, end_time, counts } = span;
         Ok((offset, end, start_time, end_time, dict(py, counts)?, index, compression))
     });
-    Ok((found.declarations, connections.collect(), chunks.collect::<PyResult<_>>()?))
+    let chunks = chunks.collect::<PyResult<_>>()?;
+    Ok((found.declarations, connections.collect(), chunks, found.counted))
 }
 
 #[pyfunction]

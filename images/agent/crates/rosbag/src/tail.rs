@@ -103,7 +103,7 @@ pub fn parse_tail(bytes: &[u8], head: &Head) -> Result<Index, Refusal> {
         return Err(refused(Reason::Empty, "the bag holds no messages"));
     }
     let declarations = connections.iter().map(|each| (each.offset, each.length)).collect();
-    Ok(Index { declarations, connections, chunks: in_order(infos, base)? })
+    Ok(Index { declarations, connections, chunks: in_order(infos, base)?, counted: true })
 }
 
 /// The compression that a CHUNK record's header names, empty where it names none. `bytes` begin

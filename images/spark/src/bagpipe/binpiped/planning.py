@@ -3,12 +3,14 @@
 import heapq
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 from bagpipe.binpiped.record import Fields, InputRecord
-from bagpipe.plan.bag_tail import BagError, read_tail
+from bagpipe.plan.bag_tail import BagError, message_times, read_tail
 from bagpipe.plan.fragments import cut
 from bagpipe.plan.framing import framing
+from bagpipe.plan.left_out import check_left_out
 from bagpipe.plan.part import Part
 from bagpipe.plan.rosbag2 import (
     Rosbag2,
@@ -111,6 +113,7 @@ def _of_file(storage: Storage, uri: str, length: int, topics: list[str]) -> Iter
     file = storage.open(uri)
     tail = read_tail(file.read, file.size)
     (head, end), declarations = framing(tail.declarations), tuple(tail.declarations)
+    check_left_out(tail, topics, partial(message_times, file.read))
     for part in cut(tail, topics, length, 0):
         window: Fields = {"start": part.window.start, "end": part.window.end}
         ranges = declarations + tuple(part.ranges)
@@ -119,6 +122,7 @@ def _of_file(storage: Storage, uri: str, length: int, topics: list[str]) -> Iter
 
 def _of_folder(storage: Storage, uri: str, length: int, topics: list[str]) -> Iterator[Descriptor]:
     folder = Rosbag2(read_metadata(uri, storage), storage)
+    check_left_out(folder.tail, topics, folder.times)
     for each in cut(folder.tail, topics, length, 0):
         window: Fields = {"start": each.window.start, "end": each.window.end}
         parts = tuple(folder.parts(each, topics))

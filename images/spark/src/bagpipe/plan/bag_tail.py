@@ -82,13 +82,15 @@ class BagTail:
     """All that planning needs to know of a bag of `size` bytes.
 
     `declarations` are the (offset, length) ranges of what a reader of its chunks needs before them,
-    in bytes, in their order.
+    in bytes, in their order. Where `counted` is false, nothing but the chunk indexes of MCAP says
+    which chunks have messages of which connections.
     """
 
     size: int
     declarations: list[tuple[int, int]]
     connections: list[Connection]
     chunks: list[Chunk]
+    counted: bool = True
 
     @property
     def is_mcap(self) -> bool:
@@ -121,12 +123,13 @@ def read_tail(read: Read, size: int) -> BagTail:
 
 
 def _tail(size: int, index: Any) -> BagTail:
-    declarations, connections, chunks = index
+    declarations, connections, chunks, counted = index
     return BagTail(
         size,
         declarations,
         [Connection(number, resolve(topic), *rest) for number, topic, *rest in connections],
         [Chunk(*each) for each in chunks],
+        counted,
     )
 
 

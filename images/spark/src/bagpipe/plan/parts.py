@@ -3,12 +3,14 @@
 import hashlib
 import json
 from dataclasses import replace
+from functools import partial
 
 from bagpipe.pieces import Piece, RecordedTopics, SequencePart
-from bagpipe.plan.bag_tail import BagError, BagTail, read_tail
+from bagpipe.plan.bag_tail import BagError, BagTail, message_times, read_tail
 from bagpipe.plan.fragments import Window, check_encoding, cut_one
+from bagpipe.plan.left_out import check_left_out
 from bagpipe.plan.part import Part
-from bagpipe.storage import Storage, StorageError
+from bagpipe.storage import OpenFile, Storage, StorageError
 from bagpipe.texts import duration_nanoseconds
 
 
@@ -27,7 +29,7 @@ class PartPlanner:
     def __init__(self, storage: Storage, encoding: str) -> None:
         self._storage = storage
         self._encoding = encoding
-        self._read: dict[str, tuple[BagTail, str]] = {}
+        self._read: dict[str, tuple[BagTail, OpenFile]] = {}
 
     def sequence(self, pieces: list[SequencePart], topics: list[str], warm_up: int) -> list[Part]:
         """The pieces one after the other, from the first one's own time on.
@@ -50,7 +52,7 @@ class PartPlanner:
         """The pieces at the same time, from `start` on for `length` ns. Raises PartError."""
         parts = []
         for piece in pieces:
-            tail, _ = self._tail(piece.bag)
+            tail, _ = self._opened(piece.bag)
             present = {connection.topic for connection in tail.connections}
             if missing := [topic for topic in piece.topics if topic not in present]:
                 raise PartError(
@@ -64,16 +66,13 @@ class PartPlanner:
         return parts
 
     def _part(self, piece: Piece, to: int | None, topics: list[str], lead_in: int) -> Part:
-        tail, version = self._tail(piece.bag)
-        try:
-            check_encoding(tail, topics, self._encoding)
-        except BagError as error:
-            raise PartError(piece.bag, error.reason, str(error)) from error
+        tail, file = self._opened(piece.bag)
         begin = min(chunk.start_time for chunk in tail.chunks)
         last = max(chunk.end_time for chunk in tail.chunks)
         start = begin + piece.from_nanoseconds
         end = last + 1 if to is None else begin + to
         window = Window(max(begin, start - lead_in), start, end)
+        self._check(piece, topics, window)
         found = cut_one(tail, topics, window) if start <= last else None
         if found is None or not found.messages:
             raise PartError(
@@ -85,7 +84,7 @@ class PartPlanner:
             )
         return Part(
             bag=piece.bag,
-            version=version,
+            version=file.version,
             topics=topics,
             window=window,
             at=start,
@@ -95,7 +94,17 @@ class PartPlanner:
             stated=found.stated,
         )
 
-    def _tail(self, uri: str) -> tuple[BagTail, str]:
+    def _check(self, piece: Piece, topics: list[str], window: Window) -> None:
+        tail, file = self._opened(piece.bag)
+        try:
+            check_encoding(tail, topics, self._encoding)
+            check_left_out(tail, topics, partial(message_times, file.read), window)
+        except BagError as error:
+            raise PartError(piece.bag, error.reason, str(error)) from error
+        except StorageError as error:
+            raise PartError(piece.bag, "BagUnreadable", str(error)) from error
+
+    def _opened(self, uri: str) -> tuple[BagTail, OpenFile]:
         if uri not in self._read:
             try:
                 file = self._storage.open(uri)
@@ -104,7 +113,7 @@ class PartPlanner:
                 raise PartError(uri, error.reason, str(error)) from error
             except StorageError as error:
                 raise PartError(uri, "BagUnreadable", str(error)) from error
-            self._read[uri] = (tail, file.version)
+            self._read[uri] = (tail, file)
         return self._read[uri]
 
 

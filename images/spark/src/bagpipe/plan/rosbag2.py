@@ -179,7 +179,8 @@ class Rosbag2:
                 connections.setdefault(number, replace(each, id=number))
             chunks += [self._moved(known, chunk) for chunk in tail.chunks]
             size += file.size
-        self.tail = BagTail(size, [], list(connections.values()), chunks)
+        counted = all(file.tail.counted for file in self._files)
+        self.tail = BagTail(size, [], list(connections.values()), chunks, counted)
         self._bases = [file.base for file in self._files]
         self._places = sorted(self._chunks)
         if not chunks:
@@ -283,6 +284,8 @@ def _of_whole(path: Path, metadata: Metadata, size: int) -> BagTail:
                 return stream.read(length)
 
             tail = read_tail(read, path.stat().st_size)
+            for chunk in () if tail.counted else tail.chunks:
+                message_times(read, chunk)  # which the parts of a fragment have no place for
     else:
         connections, stretches = _parsed("database_rows", path, metadata.text)
         tail = BagTail(
@@ -296,7 +299,7 @@ def _of_whole(path: Path, metadata: Metadata, size: int) -> BagTail:
     if len(tail.chunks) > size:
         raise BagError("BagUnreadable", f"{len(tail.chunks)} chunks in a file of {size} bytes")
     placed = [replace(each, offset=at, end=at + 1) for at, each in enumerate(tail.chunks)]
-    return replace(tail, chunks=placed)
+    return replace(tail, chunks=placed, counted=True)
 
 
 @contextlib.contextmanager

@@ -1,20 +1,26 @@
-"""The times that chunks of MCAP state, as their recording's index has them and as they do.
+"""The times and channels that chunks of MCAP state, as their recording's index has them and as they
+do.
 
-Chunks are planned by the index alone. One that states less time there than it has messages of
-would lack in fragments that these belong to, and no one would know: so a digest of what the index
-states goes with a fragment, and is compared with its chunks as their bytes pass.
+Chunks are planned by the index alone. One that states less time there than it has messages of, or
+other channels, would lack in fragments that these belong to, and no one would know: so a digest of
+what the index states goes with a fragment, and is compared with its chunks, and with the message
+indexes behind them, as their bytes pass.
 """
 
 import hashlib
 import struct
-from collections.abc import Iterable, Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
 
 from bagpipe.plan.bag_tail import BagError, Chunk
 from bagpipe.recording_format import MCAP_MAGIC
 
-_CHUNK = 0x06
-# A record's opcode and length, and what a chunk's content begins with: its first and last time.
-_HEAD, _TIMES = struct.Struct("<BQ"), struct.Struct("<QQ")
+_CHUNK, _MESSAGE_INDEX = 0x06, 0x07
+# A record's opcode and length; what a chunk's content begins with, its first and last time; and a
+# message index's, its channel and the bytes of its entries, of 16 each.
+_HEAD, _TIMES, _ENTRIES = struct.Struct("<BQ"), struct.Struct("<QQ"), struct.Struct("<HI")
+_ENTRY_BYTES, _COUNT = 16, struct.Struct("<HQ")
+_BEGINNINGS = {_CHUNK: _TIMES.size, _MESSAGE_INDEX: _ENTRIES.size}
 
 
 def stated_by(chunks: Iterable[Chunk]) -> str:
@@ -27,6 +33,7 @@ def stated_by(chunks: Iterable[Chunk]) -> str:
         if chunk.index is None:
             return ""
         found.update(_TIMES.pack(chunk.start_time, chunk.end_time))
+        found.update(_of_channels(chunk.counts))
     return _short(found)
 
 
@@ -39,11 +46,12 @@ def compared(pieces: Iterable[bytes], stated: str) -> Iterator[bytes]:
     for piece in pieces:
         found.take(piece)
         yield piece
-    if _short(found.times) != stated:
+    if found.digest() != stated:
         raise BagError(
             "BagUnreadable",
-            "a chunk states other times than the index in the summary, by which fragments are"
-            " planned: write it again with chunks, message indexes and a summary (`mcap recover`)",
+            "a chunk states other times, or has messages of other channels, than the index in the"
+            " summary, by which fragments are planned: write it again with chunks, message indexes"
+            " and a summary (`mcap recover`)",
         )
 
 
@@ -51,7 +59,8 @@ class _Passing:
     """Records that pass in pieces; of the contents of chunks the times alone are looked at."""
 
     def __init__(self) -> None:
-        self.times = hashlib.sha256()
+        self._stated = hashlib.sha256()
+        self._counts: Counter[int] = Counter()  # since the last chunk
         self._skipped = len(MCAP_MAGIC)
         self._head, self._needed = b"", _HEAD.size
 
@@ -70,15 +79,32 @@ class _Passing:
             if len(self._head) == self._needed:
                 self._record()
 
+    def digest(self) -> str:
+        """Of all that has passed."""
+        self._stated.update(_of_channels(self._counts))
+        self._counts.clear()
+        return _short(self._stated)
+
     def _record(self) -> None:
         op, length = _HEAD.unpack_from(self._head)
         content = self._head[_HEAD.size :]
-        if op == _CHUNK and not content and length >= _TIMES.size:
-            self._needed += _TIMES.size
+        beginning = _BEGINNINGS.get(op, length + 1)
+        if not content and length >= beginning:
+            self._needed += beginning
             return
-        self.times.update(content)
+        if op == _CHUNK:
+            self._stated.update(_of_channels(self._counts) + content)
+            self._counts.clear()
+        elif content:
+            channel, entries = _ENTRIES.unpack(content)
+            self._counts[channel] += entries // _ENTRY_BYTES
         self._skipped = length - len(content)
         self._head, self._needed = b"", _HEAD.size
+
+
+def _of_channels(counts: Mapping[int, int]) -> bytes:
+    """How many messages of each channel a chunk has."""
+    return b"".join(_COUNT.pack(*each) for each in sorted(counts.items()) if each[1])
 
 
 def _short(digest: "hashlib._Hash") -> str:

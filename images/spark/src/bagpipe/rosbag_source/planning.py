@@ -7,6 +7,7 @@ from typing import Any
 
 from bagpipe.plan.bag_tail import BagError, BagTail, Connection, connection_fields
 from bagpipe.plan.fragments import Window, cut, cut_one
+from bagpipe.plan.left_out import check_left_out
 from bagpipe.plan.part import Part
 from bagpipe.plan.rosbag2 import Rosbag2, in_folders, without_members
 from bagpipe.rosbag_source.parts import opened, wanted
@@ -176,6 +177,10 @@ def _of_bag(options: Options, file: OpenFile, tail: BagTail) -> list[Fragment]:
 def _of_parts(options: Options, found: McapFile | Rosbag2, uri: str) -> list[Fragment]:
     topics = list(options.topics)
     fragments = []
+    try:
+        check_left_out(found.tail, topics, found.times)
+    except BagError as error:
+        raise StorageError(f"{uri}: {error}") from error
     for window in _windows(options, found.tail, uri):
         parts = found.parts(cut_one(found.tail, topics, window), topics)
         if parts:

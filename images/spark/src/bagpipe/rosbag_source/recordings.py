@@ -1,8 +1,9 @@
 """What is planned: a bag by its tail, and MCAP or a folder of rosbag2 as parts of files."""
 
 from dataclasses import dataclass
+from functools import partial
 
-from bagpipe.plan.bag_tail import BagError, BagTail, read_tail
+from bagpipe.plan.bag_tail import BagError, BagTail, message_times, read_tail
 from bagpipe.plan.fragments import FragmentPlan
 from bagpipe.plan.part import Part
 from bagpipe.plan.rosbag2 import Rosbag2, is_folder, read_metadata
@@ -24,6 +25,7 @@ class McapFile:
         self._file = file
         self.tail = tail
         self.version = file.version
+        self.times = partial(message_times, file.read)
 
     def parts(self, fragment: FragmentPlan, topics: list[str]) -> list[Part]:
         """The ranges of the file."""

@@ -11,6 +11,7 @@ from bagpipe.plan.bag_tail import BagError
 from bagpipe.plan.case import Case
 from bagpipe.plan.fragments import cut_one
 from bagpipe.plan.in_force import Late
+from bagpipe.plan.left_out import check_left_out
 from bagpipe.plan.part import Part
 from bagpipe.plan.rosbag2 import (
     Metadata,
@@ -49,6 +50,7 @@ def folder_truth(case: Case, topics: set[str], storage: Storage) -> bytes:
     metadata = _metadata(case, storage)
     folder = Rosbag2(metadata, storage)
     named = sorted(topics)
+    check_left_out(folder.tail, named, folder.times, case.window)
     parts = folder.parts(cut_one(folder.tail, named, case.window), named)
     if not parts:
         raise SessionError("BagUnreadable", f"{case.bag}: no message of {', '.join(named)}")

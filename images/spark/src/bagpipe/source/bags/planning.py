@@ -8,6 +8,7 @@ from bagpipe.plan.case import Case, crossed
 from bagpipe.plan.conditions import Crossing
 from bagpipe.plan.fragments import check_encoding, cut, holding
 from bagpipe.plan.in_force import Late, as_wanted
+from bagpipe.plan.left_out import check_left_out
 from bagpipe.plan.made import Plan, Unplanned, mark_of
 from bagpipe.source.bags.opening import opened
 from bagpipe.source.naming import stem
@@ -52,6 +53,7 @@ def _fragments_of(
     tail = as_wanted(recording.tail, late)
     if encoding is not None:
         check_encoding(tail, spec.topics, encoding)
+    check_left_out(tail, spec.topics, recording.times)
     length = duration_nanoseconds(spec.fragment.length)
     warm_up = duration_nanoseconds(spec.fragment.warm_up)
     fragments = cut(tail, spec.topics, length, warm_up, recording.times)
