@@ -1,6 +1,7 @@
 """Recorded topics beside a simulator: what is due when, and what a job may ask for."""
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -10,7 +11,7 @@ from bagpipe.encodings import ROS1
 from bagpipe.plan.case import Case
 from bagpipe.simulator.model import START
 from bagpipe.source.planning import plan
-from bagpipe.source.simulator.beside import RecordedTopics
+from bagpipe.source.simulator.beside import RecordedTopics, _publications
 from bagpipe.source.simulator.drive import Drive
 from bagpipe.spec import SimulationJobSpec, claims
 from bagpipe.storage import Storage
@@ -93,6 +94,26 @@ def test_the_world_sends_recorded_messages_first_and_names_their_topics(
         if spec.record else spec  # fmt: skip
     drive = Drive(case, also, spec.source.own, Storage({"recordings": str(tmp_path)}))
     assert {each["recorded"] for each in drive.described["publications"]} == {True}
+
+
+def connection(definition: str, md5sum: str = "") -> SimpleNamespace:
+    return SimpleNamespace(
+        topic="/speed", type="p/msg/Speed", md5sum=md5sum, definition=definition, latching=False
+    )
+
+
+def test_one_name_of_two_definitions_is_two_types_in_ros_2() -> None:
+    words = (
+        "/speed was recorded as p/msg/Speed with field 1 of p/Speed: float64 metres and as"
+        " p/msg/Speed with field 1 of p/Speed: int32 feet: leave it out"
+    )
+    with pytest.raises(SessionError, match=words):
+        _publications([connection("float64 metres\n"), connection("int32 feet\nstring unit\n")])
+    alike = [connection("float64 metres # m\n"), connection("uint8 A=1\nfloat64 metres\n")]
+    assert len(_publications(alike)) == 1
+    assert len(_publications([connection("int8 a\n", "1"), connection("bool b\n", "1")])) == 1
+    with pytest.raises(SessionError, match="as p/msg/Speed with MD5 sum 1 and as p/msg/Speed with"):
+        _publications([connection("int8 a\n", "1"), connection("int8 a\n", "2")])
 
 
 def test_values_of_the_matrix_choose_the_recording(tmp_path: Path) -> None:

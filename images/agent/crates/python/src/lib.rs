@@ -5,6 +5,7 @@
 //! [`view`] is the only file with `unsafe`, which the buffer protocol demands.
 
 mod bag;
+mod definition;
 mod error;
 mod from_mcap;
 mod mcap;
@@ -26,6 +27,8 @@ use pyo3::prelude::*;
 mod bagpipe_bag {
     #[pymodule_export]
     use crate::bag::MemoryBag;
+    #[pymodule_export]
+    use crate::definition::different_field;
     #[pymodule_export]
     use crate::error::BagError;
     #[pymodule_export]

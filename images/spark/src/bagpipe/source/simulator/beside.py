@@ -4,6 +4,7 @@ import heapq
 from collections.abc import Iterator
 from typing import Any
 
+from bagpipe.native import native
 from bagpipe.plan.case import Case
 from bagpipe.simulator.messages import Publication
 from bagpipe.source.part_reader import PartMessage, PartReader
@@ -41,12 +42,27 @@ def _publications(connections: list[Any]) -> list[Publication]:
     for each in connections:
         topic = resolve(each.topic)
         before = found.get(topic)
-        if before is not None and (before.type, before.md5sum) != (each.type, each.md5sum):
+        if before is not None and (different := _different(before, each)) is not None:
             raise SessionError(
                 "BagUnreadable",
-                f"{topic} was recorded as {before.type} and as {each.type}: leave it out of"
+                f"{topic} was recorded as {different[0]} and as {different[1]}: leave it out of"
                 " source.simulator.recorded",
             )
         latching = each.latching or (before is not None and before.latching)
         found[topic] = Publication(topic, each.type, each.md5sum, each.definition, latching)
     return list(found.values())
+
+
+def _different(before: Publication, connection: Any) -> tuple[str, str] | None:
+    """How either type of a topic is called, where they are not one. ROS 2 has no MD5 sums, and its
+    types' names say nothing of their versions: their definitions are compared.
+    """
+    if before.type != connection.type:
+        return before.type, str(connection.type)
+    what: tuple[str, str] | None = None
+    if before.md5sum != connection.md5sum:
+        what = f"MD5 sum {before.md5sum}", f"MD5 sum {connection.md5sum}"
+    elif not before.md5sum:
+        compare = native("different_field", "comparing types of ROS 2")
+        what = compare(before.type, before.definition, connection.definition)
+    return what and (f"{before.type} with {what[0]}", f"{before.type} with {what[1]}")
