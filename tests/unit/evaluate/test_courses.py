@@ -67,8 +67,8 @@ SOURCE = [("/p", 11.0, stamped(10.75, 1.0, 4.0)), ("/p", 12.0, stamped(11.5, 1.0
             "/p pose.position.x off the truth", None, 1.0, [[1.0, 2.0], [2.0, 5.0]],
         ),
         (
-            "separation", {"ego": "/p", "obstacles": "/o", "minDistance": 2},
-            "/p, distance to the nearest of /o", 2.0, None, [[1.2, 1.0]],
+            "separation", {"ego": "/p", "obstacles": "/o", "minDistance": 3},
+            "/p, distance to the nearest of /o", 3.0, None, [[1.2, 2.2804]],
         ),
         (
             "presence", {"topic": "/v", "min": 9}, "/v, messages so far", 9, None,
@@ -169,7 +169,7 @@ def test_the_courses_of_a_case_have_a_bound_together() -> None:
         ),
         (
             "separation", {"ego": "/p", "obstacles": "/o", "minDistance": 2},
-            {"/p": [[1.2, 3.0, 4.0]], "nearest of /o": [[1.2, 3.0, 5.0]]}, None,
+            {"/p": [[1.2, 4.8, 6.4]], "nearest of /o": [[1.2, 3.0, 5.0]]}, None,
         ),
         (
             "error", {"topic": "/p", "fields": ["pose.position.y", "pose.position.x"],

@@ -135,10 +135,11 @@ def test_a_scene_counts_while_the_ego_s_pose_is_at_most_so_old(
     assert [metres for _, metres in closest(wanted, evidence(entries))] == distances
 
 
-def test_the_pose_is_the_last_one_that_was_known_at_the_scene() -> None:
-    entries = [ego(11, 1), ego(12, 2), ego(13, 3), cars(12, (10, 0)), cars(12.9, (10, 0))]
-    assert found(entries, minDistance=1).figure == 8.0
-    # The first scene may come a little before the first pose.
+def test_at_a_scene_between_two_poses_the_ego_is_on_its_way() -> None:
+    entries = [ego(11, 1), ego(12, 2), ego(14, 6), cars(12, (10, 0)), cars(12.9, (11, 0))]
+    assert found(entries, minDistance=1).figure == pytest.approx(7.2)
+    # Of poses that are further apart the last one counts; so does the first, a little before it.
+    assert found(entries, minDistance=1, maxAge="950ms").figure == 8.0
     assert found([cars(10.5, (10, 0)), ego(11, 1)], minDistance=1).figure == 9.0
 
 
@@ -160,6 +161,17 @@ def test_a_scene_speaks_for_the_time_until_it_is_too_old(
     finding = found(entries, minDistance=1, maxAge=age)
     assert (finding.coverage, finding.clock) == (share, "header")
     assert finding.covered == (f"{share:.0%} of the window, in which both are at most {age} old")
+
+
+def test_what_is_covered_has_both_a_pose_and_a_scene() -> None:
+    """Poses each 2.5 s, of which each speaks for a second, and scenes but from 15 to 18 s."""
+    entries = [ego(10 + n * 2.5) for n in range(4)]
+    entries += [cars(10 + n / 10, (9, 9)) for n in range(100) if not 50 < n < 80]
+    finding = found(entries, minDistance=1)
+    assert finding.coverage == 0.35
+    late = [each for each in entries if each[0] == "/cars" or each[1] < 15]
+    assert found(late, minDistance=1).coverage == 0.2
+    assert found(late, minDistance=1, maxAge="1500ms").coverage == 0.3
 
 
 def test_where_no_inputs_came_no_scene_is_missed() -> None:
@@ -256,25 +268,79 @@ def test_what_can_t_be_measured_is_reported(entries: list[Any], sentence: str) -
     assert finding.message.startswith(sentence)
 
 
-def pass_by(*scenes: tuple[float, list[Point]], speed: float = 20.0) -> list[Any]:
-    """An ego that drives along x, with a pose each 50 ms, and what it meets."""
-    course = [ego(10 + step / 20, step / 20 * speed) for step in range(200)]
+def pass_by(*scenes: tuple[float, list[Point]], speed: float = 20.0, each: int = 1) -> list[Any]:
+    """An ego that drives along x, with a pose each 50 ms or multiples of it, and what it meets."""
+    course = [ego(10 + step / 20, step / 20 * speed) for step in range(0, 200, each)]
     return course + [cars(at, *points) for at, points in scenes]
 
 
-@pytest.mark.parametrize(
-    ("place", "distance"),
-    [(45.5, 0.5), (45.0, 0.0), (54.0, 0.0)],
-    ids=["beside a pose", "at a pose", "at a scene"],
-)
-def test_an_obstacle_that_stands_is_met_between_its_messages_too(
-    place: float, distance: float
-) -> None:
-    other = (300.0, 40.0)
-    scenes = [(10 + n * 0.9, [(place, 0.0), other][:: 1 if n % 2 else -1]) for n in range(12)]
+OTHER = (300.0, 40.0)
+
+
+@pytest.mark.parametrize("place", [45.5, 45.0, 54.0], ids=["beside", "at a pose", "at a scene"])
+def test_an_obstacle_that_stands_is_met_between_its_messages_too(place: float) -> None:
+    scenes = [(10 + n * 0.9, [(place, 2.0), OTHER][:: 1 if n % 2 else -1]) for n in range(12)]
     finding = found(pass_by(*scenes), minDistance=5, maxAge="1s")
     assert finding.outcome == "failed"
-    assert finding.figure == pytest.approx(distance)
+    assert finding.figure == pytest.approx(2.0)
+    assert finding.message.startswith(f"2 m at {place / 20:.3f} s")
+
+
+@pytest.mark.parametrize("between", [0.05, 0.9], ids=["often", "seldom"])
+def test_an_obstacle_is_met_between_two_poses_of_the_ego_too(between: float) -> None:
+    """A pose each 0.9 s, of 18 m."""
+    scenes = [(10 + n * between, [(99.0, 0.0)]) for n in range(round(10 / between))]
+    finding = found(pass_by(*scenes, each=18), minDistance=5)
+    assert finding.outcome == "failed"
+    assert finding.figure == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(("last", "soon"), [(18.5, 11.0), (18.95, 2.0)])
+def test_an_obstacle_that_stands_is_met_behind_the_last_scene_too(last: float, soon: float) -> None:
+    scenes = [(at, [(185.0, 0.0)]) for at in (17.5, 18.0, last)]
+    finding = found(pass_by(*scenes), minDistance=5)
+    assert (finding.outcome, finding.figure) == ("failed", 0.0)
+    assert finding.message.startswith("0 m at 9.250 s")
+    # For no longer than what was seen says something.
+    shortly = found(pass_by(*scenes), minDistance=5, maxAge="200ms")
+    assert shortly.figure == pytest.approx(soon)
+
+
+def test_an_obstacle_that_stood_and_is_not_seen_any_more_is_met() -> None:
+    """It is lost 15 m before the ego, as by a sensor that it drives into."""
+    scenes = [(10 + n * 0.9, [(105.0, 0.0), OTHER] if n < 6 else [OTHER]) for n in range(12)]
+    finding = found(pass_by(*scenes), minDistance=5)
+    assert (finding.outcome, finding.figure) == ("failed", 0.0)
+
+
+@pytest.mark.parametrize(
+    "scenes",
+    [
+        [(12.0, [(50.0, 0.0)]), (12.9, []), (13.8, [OTHER])],
+        [(12.0, [(50.0, 0.0), OTHER]), (12.9, [OTHER])],
+        # What comes instead is too far away to be the same.
+        [(12.0, [(50.0, 0.0)]), (12.9, [OTHER])],
+        # It moved, and would be met if it went on.
+        [(11.1, [(58.0, 0.0)]), (12.0, [(52.0, 0.0)]), (12.9, [])],
+        # Behind the last one.
+        [(18.9, [(190.0, 0.0)])],
+    ],
+    ids=["none", "others", "far", "moving", "last"],
+)
+def test_where_an_obstacle_went_that_was_near_is_no_evidence_of_a_distance(
+    scenes: list[tuple[float, list[Point]]],
+) -> None:
+    finding = found(pass_by(*scenes), minDistance=5)
+    assert finding.outcome == "invalid"
+    assert finding.message.startswith("after its last message an obstacle may have been ")
+    assert "publish them more often" in finding.message
+    assert finding.figure is not None
+    # That it is too near decides, whatever else is not known.
+    assert found(pass_by(*scenes), minDistance=200).outcome == "failed"
+    # Circles that may have met are no time to a collision either.
+    near = [(at - 0.05, [(90.0, 90.0), *points]) for at, points in scenes[:1]]
+    collision = found(pass_by(*near, *scenes), minTimeToCollision=0.01, radius=0.5)
+    assert (collision.outcome == "invalid") or collision.figure == 0.0
 
 
 @pytest.mark.parametrize(
@@ -282,14 +348,19 @@ def test_an_obstacle_that_stands_is_met_between_its_messages_too(
     [
         # It drives ahead as fast, and where it was half a second ago is where the ego is now.
         [(10 + n * 0.9, [(10 + n * 18.0, 0.0)]) for n in range(12)],
-        # It is gone by the next message, or came with it.
+        # Two do, and their list begins with another one each time.
+        [(10 + n * 0.9, [(10 + n * 18.0, 0.0), (25 + n * 18.0, 0.0)][:: 1 if n % 2 else -1])
+         for n in range(12)],
+        # It drives ahead, and is not seen any more; or nothing is, from then on.
+        [(12.0 + n / 2, [(50.0 + n * 10, 0.0)]) for n in range(6)] + [(15.0, [])],
+        [(17.0 + n / 2, [(150.0 + n * 10, 0.0)]) for n in range(6)],
+        # It has moved away by the next message.
         [(12.0, [(45.0, 0.0)]), (12.9, [(45.0, 30.0)]), (13.8, [(45.0, 30.0)])],
-        [(12.0, [(45.0, 0.0)]), (12.9, []), (13.8, [(45.0, 30.0)])],
         # It was seen long before.
         [(10.0, [(45.0, 0.0)]), (13.5, [(45.0, 0.0)])],
     ],
-    ids=["ahead", "gone", "none", "old"],
-)
+    ids=["ahead", "two ahead", "lost ahead", "last ahead", "away", "old"],
+)  # fmt: skip
 def test_where_one_that_moves_was_in_between_is_not_made_up(
     scenes: list[tuple[float, list[Point]]],
 ) -> None:
@@ -298,7 +369,7 @@ def test_where_one_that_moves_was_in_between_is_not_made_up(
 
 
 def test_one_that_creeps_is_where_it_was_on_its_way() -> None:
-    """At 12.5 s, half of the way between its messages, it is 0.2 m further than at the first."""
-    scenes = [(12.0, [(50.2, 0.0)]), (13.0, [(50.6, 0.0)])]
+    """At 12.5 s, half of the way between its messages, it is 0.4 m beside the ego."""
+    scenes = [(12.0, [(50.0, 0.2)]), (13.0, [(50.0, 0.6)])]
     finding = found(pass_by(*scenes), minDistance=5, maxAge="1s")
-    assert finding.figure == pytest.approx(0.4)
+    assert finding.figure == pytest.approx(0.4, abs=1e-3)

@@ -2,8 +2,7 @@
 
 import itertools
 import math
-from bisect import bisect_left, bisect_right
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from bagpipe.evaluate.errors import pose_of
 from bagpipe.evaluate.evidence import Evidence, Sample
@@ -11,13 +10,10 @@ from bagpipe.evaluate.fields import no_number
 from bagpipe.evaluate.finding import Clock, Finding, NoEvidenceError, covering
 from bagpipe.evaluate.limits import bounded
 from bagpipe.evaluate.model import Separation
+from bagpipe.evaluate.way import Point, Way
 from bagpipe.evaluate.window import frames_differ, messages_of, samples
 from bagpipe.texts import duration_nanoseconds
 
-# Metres between two messages: who has moved by more is not looked for in between.
-STANDS = 0.5
-
-Point = tuple[float, float]
 # Time in ns, the ego, an obstacle, and the obstacle's velocity as the ego sees it, if it is known.
 Pair = tuple[int, Point, Point, Point | None]
 
@@ -27,6 +23,7 @@ def separation(name: str, wanted: Separation, evidence: Evidence) -> Finding:
     met = _met(wanted, evidence)
     evidence.keep(wanted, met)
     finding = _odd(name, met, evidence) or _least(name, wanted, evidence, met.pairs)
+    finding = _feared(finding, wanted, evidence, met.feared)
     return covering(
         finding,
         met.share,
@@ -68,6 +65,24 @@ def _least(name: str, wanted: Separation, evidence: Evidence, pairs: list[Pair])
     )
 
 
+def _feared(
+    finding: Finding, wanted: Separation, evidence: Evidence, feared: list[tuple[int, float]]
+) -> Finding:
+    """Invalid where nobody saw that an obstacle came too near, and where one went is not known that
+    would have, had it gone on as before.
+    """
+    touch = 2 * wanted.radius if wanted.min_time_to_collision is not None else 0.0
+    distance, at = min(((metres, time) for time, metres in feared), default=(math.inf, 0))
+    if finding.outcome != "passed" or distance >= max(wanted.min_distance or 0.0, touch):
+        return finding
+    message = (
+        f"after its last message an obstacle may have been {distance:.6g} m away at"
+        f" {(at - evidence.start) / 1e9:.3f} s, and no later one of {wanted.obstacles} shows where"
+        f" it went: publish them more often, or until they are passed; {finding.message}"
+    )
+    return replace(finding, outcome="invalid", message=message)
+
+
 def _odd(name: str, met: "Met", evidence: Evidence) -> Finding | None:
     for what, points in (("the ego's pose", met.course), ("an obstacle's pose", met.obstacles)):
         values = ((time, number) for time, point in points for number in point)
@@ -99,6 +114,8 @@ class Met:
     course: list[tuple[int, Point]]
     obstacles: list[tuple[int, Point]]
     pairs: list[Pair]
+    # How near obstacles may have been of which it is not known where they went.
+    feared: list[tuple[int, float]]
     share: float
     clock: Clock
 
@@ -119,11 +136,14 @@ def _met(wanted: Separation, evidence: Evidence) -> Met:
         raise NoEvidenceError(f"no obstacle was ever on {wanted.obstacles}")
     age = duration_nanoseconds(wanted.max_age)
     with_ego = _with_ego(course, scenes, age)
+    seen, feared = _between(course, scenes, age, evidence.end)
+    poses = [time for time, _ in course]
     return Met(
         course,
         [(time, point) for time, points in scenes for point in points],
-        _paired(with_ego) + _between(course, scenes, age),
-        _share([time for time, _, _ in with_ego], age, wanted.min_coverage, evidence),
+        _paired(with_ego) + [(*near, None) for near in seen],
+        feared,
+        _share(poses, [time for time, _, _ in with_ego], age, wanted.min_coverage, evidence),
         "header" if stamped else "receipt",
     )
 
@@ -139,28 +159,49 @@ def _with_ego(
     without those at which it was too old.
     """
     found = []
+    way = Way(course, age)
     at = 0
     for time, points in scenes:
         while at + 1 < len(course) and course[at + 1][0] <= time:
             at += 1
         if abs(time - course[at][0]) <= age:
-            found.append((time, course[at][1], points))
+            found.append((time, way.at(time) or course[at][1], points))
     return found
 
 
-def _share(times: list[int], age: int, least: float, evidence: Evidence) -> float:
-    """The share of the window that is at most `age` after one of the times, or before the first."""
-    edges = [evidence.start, *(t for t in times if evidence.start <= t < evidence.end)]
-    if len(edges) == 1:
+def _share(
+    poses: list[int], scenes: list[int], age: int, least: float, evidence: Evidence
+) -> float:
+    """The share of the window that is at most `age` after a pose and after a scene, or before the
+    first ones.
+    """
+    if not any(evidence.start <= time < evidence.end for time in scenes):
         return 0.0
     length = evidence.end - evidence.start
-    gaps = list(itertools.pairwise([*edges, evidence.end]))
-    unknown = [(before + age, after) for before, after in gaps if before + age < after]
+    unknown = _joined(_too_old(poses, age, evidence) + _too_old(scenes, age, evidence))
     share = 1.0 - sum(after - before for before, after in unknown) / length
     if share < least:
         length = evidence.input_time_between(evidence.start, evidence.end) or length
         share = 1.0 - sum(evidence.input_time_between(*each) for each in unknown) / length
     return share
+
+
+def _too_old(times: list[int], age: int, evidence: Evidence) -> list[tuple[int, int]]:
+    """The stretches of the window in which the last of the times is more than `age` ago."""
+    inside = [time for time in times if evidence.start <= time < evidence.end]
+    gaps = itertools.pairwise([evidence.start, *inside, evidence.end])
+    return [(before + age, after) for before, after in gaps if before + age < after]
+
+
+def _joined(stretches: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    """The same stretches of time, none of which overlaps another."""
+    joined: list[tuple[int, int]] = []
+    for begin, end in sorted(stretches):
+        if joined and begin <= joined[-1][1]:
+            joined[-1] = (joined[-1][0], max(end, joined[-1][1]))
+        else:
+            joined.append((begin, end))
+    return joined
 
 
 def _ego_at(sample: Sample, topic: str) -> Point:
@@ -204,45 +245,19 @@ def _paired(scenes: list[tuple[int, Point, list[Point]]]) -> list[Pair]:
 
 
 def _between(
-    course: list[tuple[int, Point]], scenes: list[tuple[int, list[Point]]], age: int
-) -> list[Pair]:
-    """The nearest obstacle that stands, or nearly does, at each pose between two scenes.
-
-    An obstacle of which the next scene has one at most STANDS away was in between, too. Where
-    others were meanwhile is not known.
+    course: list[tuple[int, Point]], scenes: list[tuple[int, list[Point]]], age: int, end: int
+) -> tuple[list[tuple[int, Point, Point]], list[tuple[int, float]]]:
+    """Between the scenes and behind the last one, the nearest obstacles that stand, and how near
+    those may have been of which it is not known where they went.
     """
-    pairs: list[Pair] = []
-    times = [time for time, _ in course]
-    for (begin, before), (end, after) in itertools.pairwise(scenes):
-        first, last = bisect_right(times, begin), bisect_left(times, min(end, begin + age + 1))
-        if first < last and before and after:
-            length = end - begin
-            poses = [(time, (time - begin) / length, ego) for time, ego in course[first:last]]
-            pairs += _passed(poses, before, after)
-    return pairs
+    # Other criteria, and the start of a laptop's run, need neither numpy nor scipy.
+    from bagpipe.evaluate.approach import approaches  # noqa: PLC0415
 
-
-def _passed(
-    poses: list[tuple[int, float, Point]], before: list[Point], after: list[Point]
-) -> list[Pair]:
-    """Of each pose, with its part of the way between two scenes, the nearest that stands."""
-    # Other criteria, and the start of a laptop's run, need neither.
-    import numpy as np  # noqa: PLC0415
-    from scipy.spatial import KDTree  # noqa: PLC0415
-
-    old, new = (
-        np.array([p for p in points if all(map(math.isfinite, p))]) for points in (before, after)
-    )
-    if not (len(old) and len(new)):
-        return []
-    apart, which = KDTree(new).query(old, distance_upper_bound=STANDS)
-    old, way = old[apart <= STANDS], new[which[apart <= STANDS]] - old[apart <= STANDS]
-    pairs: list[Pair] = []
-    for time, part, ego in poses if len(old) else []:
-        there = old + way * part
-        x, y = there[np.hypot(there[:, 0] - ego[0], there[:, 1] - ego[1]).argmin()]
-        pairs.append((time, ego, (float(x), float(y)), None))
-    return pairs
+    places = itertools.chain((ego for _, ego in course), *(points for _, points in scenes))
+    if not all(math.isfinite(number) for place in places for number in place):
+        return [], []  # which fails it
+    found = approaches(Way(course, age), scenes, age, end)
+    return found.seen, [(time, _distance(ego, other)) for time, ego, other in found.feared]
 
 
 def _distance(ego: Point, obstacle: Point) -> float:

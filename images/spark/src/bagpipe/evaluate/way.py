@@ -1,0 +1,48 @@
+"""Where the ego is between its poses: on the straight line from one to the next."""
+
+import itertools
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterator, Sequence
+
+Point = tuple[float, float]
+# Two times in ns and where the ego is then.
+Part = tuple[tuple[int, Point], tuple[int, Point]]
+
+
+class Way:
+    """Poses of an ego, and what follows from them for other times."""
+
+    def __init__(self, poses: Sequence[tuple[int, Point]], age: int) -> None:
+        """Poses ascend by their time in ns. Between two of them a place is known if it is never
+        more than `age` ns from one of them.
+        """
+        self._poses = list(poses)
+        self._times = [time for time, _ in self._poses]
+        self._longest = 2 * age
+
+    def at(self, time: int) -> Point | None:
+        """Where it is at a pose or between two; None where that is not known."""
+        after = bisect_right(self._times, time)
+        if after and self._times[after - 1] == time:
+            return self._poses[after - 1][1]
+        if not 0 < after < len(self._poses):
+            return None
+        (begin, old), (end, new) = self._poses[after - 1 : after + 1]
+        if end - begin > self._longest:
+            return None
+        return between(old, new, (time - begin) / (end - begin))
+
+    def parts(self, begin: int, end: int) -> Iterator[Part]:
+        """The straight parts of the way from one time to a later one, as far as it is known; a
+        place without a way is a part of no length.
+        """
+        first, last = bisect_right(self._times, begin), bisect_left(self._times, end)
+        edges = [(time, self.at(time)) for time in (begin, end)]
+        start, stop = ([(time, place)] if place is not None else [] for time, place in edges)
+        places = [*start, *self._poses[first:last], *stop]
+        yield from itertools.pairwise(places if len(places) > 1 else 2 * places)
+
+
+def between(old: Point, new: Point, share: float) -> Point:
+    """The point that lies so far on the way from one to the other."""
+    return old[0] + share * (new[0] - old[0]), old[1] + share * (new[1] - old[1])
