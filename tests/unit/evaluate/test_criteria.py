@@ -238,7 +238,10 @@ def test_a_truth_that_is_never_near_is_no_evidence() -> None:
 )
 def test_the_final_pose(wanted: dict[str, Any], outcome: str) -> None:
     given = evidence(course(1.0), end=18.5)
-    assert found(given, finalPose={"topic": "/pose"} | wanted).outcome == outcome
+    finding = found(given, finalPose={"topic": "/pose"} | wanted)
+    assert finding.outcome == outcome
+    units = ["m", "rad"] if "yaw" in wanted else []
+    assert [each.unit for each in finding.figures] == units
 
 
 def test_a_type_without_a_pose_is_no_evidence() -> None:

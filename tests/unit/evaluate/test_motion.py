@@ -123,6 +123,12 @@ def test_of_two_bounds_the_distance_is_reported_where_it_is_too_small() -> None:
     both: dict[str, Any] = {"minTimeToCollision": 4.5, "radius": 0.5}
     assert found(entries, minDistance=10, **both).message == "4.5 s to a collision at 1.000 s"
     assert found(entries, minDistance=10.1, **both).unit == "m"
+    for least in (10, 10.1):
+        figures = found(entries, minDistance=least, **both).figures
+        assert [(each.figure, each.unit) for each in figures] == [(10.0, "m"), (4.5, "s")]
+    # What is too near is so without a speed.
+    alone = found([ego(11), cars(11, (10, 0))], minDistance=10.1, **both)
+    assert (alone.outcome, alone.figure, alone.figures) == ("failed", 10.0, ())
     assert found(entries, minDistance=10).message == "10 m at 1.000 s"
 
 

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from bagpipe.evaluate.finding import Finding
+from bagpipe.evaluate.finding import Figure, Finding
 from bagpipe.evaluate.judge import evaluate
 from bagpipe.evaluate.model import Criterion
 from tests.unit.evaluate.recordings import evidence
@@ -57,6 +57,22 @@ def test_a_limit_of_memory_is_so_many_bytes(limit: str, count: int) -> None:
 def test_of_two_limits_the_memory_is_reported_unless_the_cpu_is_too_much() -> None:
     assert found(used(10.0), maxCpu=0.4, maxMemory="3Mi").unit == "bytes"
     assert found(used(10.0), maxCpu=0.3, maxMemory="3Mi").unit == "CPUs"
+
+
+def test_of_two_limits_both_figures_are_kept_whichever_decides() -> None:
+    memory = Figure("passed", 3145728.0, "bytes", "at most 3.14573e+06 bytes", "lower")
+    for most, outcome in ((0.4, "passed"), (0.3, "failed")):
+        finding = found(used(10.0), maxCpu=most, maxMemory="3Mi")
+        cpu = Figure(outcome, 0.4, "CPUs", f"at most {most} CPUs", "lower")  # type: ignore[arg-type]
+        assert (finding.outcome, finding.figures) == (outcome, (cpu, memory))
+    row = finding.as_row()
+    assert [each["figure"] for each in row["figures"]] == [0.4, 3145728.0]
+    assert "figures" not in found(used(10.0), maxCpu=0.3).as_row()
+    # What is too much is too much, whatever else was not measured.
+    unknown: dict[str, Any] = {"stack": {"usage": {"seconds": 10.0, "cpu_seconds": 4.0}}}
+    assert found(unknown, maxCpu=0.3, maxMemory="3Mi").figures == ()
+    assert found(unknown, maxCpu=0.3, maxMemory="3Mi").outcome == "failed"
+    assert found(unknown, maxCpu=0.4, maxMemory="3Mi").outcome == "invalid"
 
 
 @pytest.mark.parametrize(

@@ -26,6 +26,16 @@ def is_finite(number: Any) -> bool:
         return False
 
 
+def figures_of(finding: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """What a criterion measured: `figure`, `unit`, `limit` and `direction` for each of its bounds.
+
+    Rows of before there were `figures` have the one that decided.
+    """
+    figures = finding.get("figures")
+    several = [each for each in figures if isinstance(each, Mapping)] if figures else []
+    return several or [finding]
+
+
 def discarded_runs(row: Row) -> list[dict[str, Any]]:
     """The runs that do not count, in order: `reason`, `message` and `seconds` of each.
 

@@ -127,7 +127,7 @@ def _unmeasured(
 ) -> list[str]:
     """Figures of which the variant has not one: nothing would say that they are gone.
 
-    One of several bounds may be gone alone, as where another one decides every case now.
+    One of several bounds may be gone alone, as where a criterion has one less now.
     """
     before, now = (
         {

@@ -6,12 +6,11 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 from bagpipe.compare.delivery import FIGURES, delivery
-from bagpipe.row_facts import Key, key_of, quarantine_of
+from bagpipe.row_facts import Key, figures_of, key_of, quarantine_of
 
 Row = Mapping[str, Any]
 
-# A criterion's name and the unit of its figures. One that has several bounds gives the figure that
-# decided: the CPUs of one case and the bytes of another are no figures of one kind.
+# A criterion's name and the unit of its figures, of which one with several bounds has several.
 Series = tuple[str, str]
 
 # The share of a case's rounds that passed: each of many cases may lose too few to be significant.
@@ -38,8 +37,9 @@ class Rounds:
         self.outcomes.append(row["outcome"])
         self.reasons.append(str(row.get("reason") or ""))
         for finding in row.get("criteria") or []:
-            if finding.get("figure") is not None and finding.get("direction"):
-                self.figures[_series(finding)].append(float(finding["figure"]))
+            for each in figures_of(finding):
+                if each.get("figure") is not None and each.get("direction"):
+                    self.figures[_series(finding, each)].append(float(each["figure"]))
         self.figures[ROUNDS].append(100.0 * (row["outcome"] == "passed"))
         for name, figure in delivery(row).items():
             self.figures[name, FIGURES[name][0]].append(figure)
@@ -101,8 +101,10 @@ class Versions:
             cases = cases if quarantine_of(row) is None else found.quarantined[variant]
             cases.setdefault(key_of(row), Rounds(recording_of(row))).add(row)
             for finding in row.get("criteria") or []:
-                if finding.get("direction"):
-                    found.directions.setdefault(_series(finding), str(finding["direction"]))
+                for each in figures_of(finding):
+                    if each.get("direction"):
+                        series = _series(finding, each)
+                        found.directions.setdefault(series, str(each["direction"]))
         found.directions |= {(name, unit): better for name, (unit, better) in FIGURES.items()}
         found.directions[ROUNDS] = "higher"
         return found
@@ -122,8 +124,8 @@ def titles(series: Iterable[Series]) -> dict[Series, str]:
     return {(name, unit): name if units[name] == 1 else f"{name} ({unit})" for name, unit in found}
 
 
-def _series(finding: Mapping[str, Any]) -> Series:
-    return finding["name"], str(finding.get("unit") or "")
+def _series(finding: Mapping[str, Any], figure: Mapping[str, Any]) -> Series:
+    return finding["name"], str(figure.get("unit") or "")
 
 
 def recording_of(row: Row) -> str:

@@ -7,7 +7,7 @@ from typing import Any
 from bagpipe.evaluate.evidence import Evidence, Sample
 from bagpipe.evaluate.fields import no_number, turned, yaw_of
 from bagpipe.evaluate.finding import Finding, NoEvidenceError, covering
-from bagpipe.evaluate.limits import bounded
+from bagpipe.evaluate.limits import bounded, of_all_bounds
 from bagpipe.evaluate.matching import Matched, Pair, matched
 from bagpipe.evaluate.model import Error, FinalPose
 from bagpipe.evaluate.window import TopicMessages, messages_of, samples
@@ -156,17 +156,18 @@ def _off(name: str, wanted: FinalPose, pose: tuple[Any, Any]) -> Finding:
         f"from ({wanted.position[0]:g}, {wanted.position[1]:g}),"
         f" at ({position.x:.3f}, {position.y:.3f}) in the end",
     )
-    if wanted.yaw is None or found.outcome == "failed":
+    if wanted.yaw is None:
         return found
-    off = abs(turned(yaw_of(orientation) - wanted.yaw))
-    if off <= wanted.max_yaw_error:
-        return found
-    return bounded(
-        Finding(name, "finalPose", "passed", off, "rad", direction="lower"),
+    heading = bounded(
+        Finding(
+            name, "finalPose", "passed", abs(turned(yaw_of(orientation) - wanted.yaw)), "rad",
+            direction="lower",
+        ),
         None,
         wanted.max_yaw_error,
         f"from the heading {wanted.yaw:g} rad in the end",
-    )
+    )  # fmt: skip
+    return of_all_bounds([found, heading], found)
 
 
 def pose_of(message: Any) -> tuple[Any, Any] | None:

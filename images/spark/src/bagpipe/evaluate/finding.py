@@ -9,13 +9,25 @@ Clock = Literal["header", "receipt", "none"]
 
 
 @dataclass(frozen=True)
+class Figure:
+    """What was measured for one of several bounds of a criterion, and whether that one holds."""
+
+    outcome: Outcome
+    figure: float | None
+    unit: str
+    limit: str
+    direction: str
+
+
+@dataclass(frozen=True)
 class Finding:
     """One criterion's answer. `figure` is None where nothing could be measured.
 
     `direction` says which way of `figure` is better: `lower`, `higher`, or `` where a comparison
     of two figures says nothing. `limit` is the bound as people write it. `coverage` is the part of
     the window, or of the truth's samples, that it was judged on, `covered` the same in words, and
-    `clock` what its times were read from.
+    `clock` what its times were read from. `figures` has one for each bound of a criterion with
+    several figures, of which `figure` is the one that decided.
     """
 
     name: str
@@ -34,6 +46,7 @@ class Finding:
     instead: Outcome | None = None
     # Over time (courses.py); of a user's own evaluator what it answered, until then.
     course: dict[str, Any] | None = None
+    figures: tuple[Figure, ...] = ()
 
     def as_row(self) -> dict[str, Any]:
         """As it stands in results.jsonl."""
@@ -41,6 +54,8 @@ class Finding:
         del row["instead"]
         if self.course is None:
             del row["course"]
+        if not self.figures:
+            del row["figures"]
         return row
 
 

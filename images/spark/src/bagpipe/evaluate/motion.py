@@ -8,7 +8,7 @@ from bagpipe.evaluate.errors import pose_of
 from bagpipe.evaluate.evidence import Evidence, Sample
 from bagpipe.evaluate.fields import no_number
 from bagpipe.evaluate.finding import Clock, Finding, NoEvidenceError, covering
-from bagpipe.evaluate.limits import bounded
+from bagpipe.evaluate.limits import bounded, of_all_bounds
 from bagpipe.evaluate.model import Separation
 from bagpipe.evaluate.way import Point, Way
 from bagpipe.evaluate.window import frames_differ, messages_of, samples
@@ -41,16 +41,26 @@ def _least(name: str, wanted: Separation, evidence: Evidence, pairs: list[Pair])
             f"no obstacle was ever on {wanted.obstacles} while a pose on {wanted.ego} was at most"
             f" {wanted.max_age} old"
         )
+    found = []
     if wanted.min_distance is not None:
-        distance, at = min((_distance(e, o), t) for t, e, o, _ in pairs)
-        found = bounded(
-            Finding(name, "separation", "passed", distance, "m", direction="higher"),
-            wanted.min_distance,
-            None,
-            f"at {(at - evidence.start) / 1e9:.3f} s",
-        )
-        if found.outcome == "failed" or wanted.min_time_to_collision is None:
-            return found
+        found.append(_least_distance(name, wanted.min_distance, evidence, pairs))
+    if wanted.min_time_to_collision is not None:
+        try:
+            found.append(_least_time(name, wanted, evidence, pairs))
+        except NoEvidenceError:
+            # What came too near did so, however fast it was.
+            if not found or found[0].outcome != "failed":
+                raise
+    return of_all_bounds(found, found[-1])
+
+
+def _least_distance(name: str, least: float, evidence: Evidence, pairs: list[Pair]) -> Finding:
+    distance, at = min((_distance(e, o), t) for t, e, o, _ in pairs)
+    finding = Finding(name, "separation", "passed", distance, "m", direction="higher")
+    return bounded(finding, least, None, f"at {(at - evidence.start) / 1e9:.3f} s")
+
+
+def _least_time(name: str, wanted: Separation, evidence: Evidence, pairs: list[Pair]) -> Finding:
     times = [(_time_to_collision(e, o, v, 2 * wanted.radius), t) for t, e, o, v in pairs]
     least = min(((left, t) for left, t in times if left is not None), default=None)
     if least is None:

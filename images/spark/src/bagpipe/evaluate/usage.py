@@ -4,7 +4,7 @@ from typing import Any
 
 from bagpipe.evaluate.evidence import Evidence
 from bagpipe.evaluate.finding import Finding, NoEvidenceError, covering
-from bagpipe.evaluate.limits import bounded
+from bagpipe.evaluate.limits import bounded, of_all_bounds
 from bagpipe.evaluate.model import Resources
 from bagpipe.quantities import memory_bytes
 
@@ -39,28 +39,29 @@ def _measured(usage: dict[str, Any], evidence: Evidence) -> tuple[float, str]:
 
 
 def _used(name: str, wanted: Resources, usage: dict[str, Any]) -> Finding:
+    found = []
     if wanted.max_cpu is not None:
-        if not usage.get("seconds"):
-            raise NoEvidenceError("the stack's CPU time was not measured in this case")
-        found = bounded(
-            Finding(
-                name, "resources", "passed", usage["cpu_seconds"] / usage["seconds"], "CPUs",
-                direction="lower",
-            ),
-            None,
-            wanted.max_cpu,
-            f"used over {usage['seconds']:.1f} s",
-        )  # fmt: skip
-        if found.outcome == "failed" or wanted.max_memory is None:
-            return found
+        found.append(_cpu(name, wanted.max_cpu, usage))
+    if wanted.max_memory is not None and (usage.get("peak_memory_bytes") or not _failed(found)):
+        found.append(_memory(name, wanted.max_memory, usage))
+    return of_all_bounds(found, found[-1])
+
+
+def _failed(found: list[Finding]) -> bool:
+    return any(each.outcome == "failed" for each in found)
+
+
+def _cpu(name: str, most: float, usage: dict[str, Any]) -> Finding:
+    if not usage.get("seconds"):
+        raise NoEvidenceError("the stack's CPU time was not measured in this case")
+    share = usage["cpu_seconds"] / usage["seconds"]
+    finding = Finding(name, "resources", "passed", share, "CPUs", direction="lower")
+    return bounded(finding, None, most, f"used over {usage['seconds']:.1f} s")
+
+
+def _memory(name: str, most: str, usage: dict[str, Any]) -> Finding:
     if not usage.get("peak_memory_bytes"):
         raise NoEvidenceError("the stack's memory was not measured in this case")
-    return bounded(
-        Finding(
-            name, "resources", "passed", float(usage["peak_memory_bytes"]), "bytes",
-            direction="lower",
-        ),
-        None,
-        float(memory_bytes(wanted.max_memory or "0")),
-        "at most at one time",
-    )  # fmt: skip
+    peak = float(usage["peak_memory_bytes"])
+    finding = Finding(name, "resources", "passed", peak, "bytes", direction="lower")
+    return bounded(finding, None, float(memory_bytes(most)), "at most at one time")

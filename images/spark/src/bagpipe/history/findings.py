@@ -13,6 +13,8 @@ from bagpipe.history.steps import more_fail_since, moved_since
 UNJUDGED = "cases: not judged"
 
 _MOST = 10
+# Of one criterion; an own evaluator may give another unit in each case.
+_MOST_UNITS = 8
 _MOST_QUARANTINED = 200
 # What a criterion found in a run, with the names of the cases.
 _Findings = list[tuple[str, Found]]
@@ -29,7 +31,8 @@ class Night:
 
 @dataclass(frozen=True)
 class CriterionHistory:
-    """A criterion over all runs, oldest first.
+    """A criterion over all runs, oldest first; of one with several figures each has one, of which
+    the first alone says what is worse.
 
     `worse` is the run (its place) since which more cases fail, and `cases` are those that failed
     since and not before; `moved` is the run since which the median is another.
@@ -87,7 +90,7 @@ class History:
 
 def history_of(runs: Sequence[Run]) -> History:
     """What these runs show, oldest first."""
-    names: dict[str, str] = {}
+    units: dict[str, dict[str, None]] = {}
     kept = {case.name: case.quarantine for run in runs for case in run.cases}
     by_name: list[dict[str, _Findings]] = []
     for run in runs:
@@ -97,11 +100,12 @@ def history_of(runs: Sequence[Run]) -> History:
                 continue
             by_name[-1][UNJUDGED].append((case.name, _unjudged(case)))
             for found in case.criteria:
-                names[found.name] = found.unit or names.get(found.name, "")
+                units.setdefault(found.name, {}).update(dict.fromkeys(_units_of(found)))
                 by_name[-1][found.name].append((case.name, found))
     criteria = tuple(
-        _criterion(name, unit, [each.get(name, []) for each in by_name])
-        for name, unit in (names | {UNJUDGED: ""}).items()
+        each
+        for name, found_units in (units | {UNJUDGED: {}}).items()
+        for each in _figures(name, list(found_units), [each.get(name, []) for each in by_name])
     )
     if not any(night.failed for night in criteria[-1].nights):
         criteria = criteria[:-1]
@@ -116,14 +120,39 @@ def _unjudged(case: CaseOfRun) -> Found:
     return Found(UNJUDGED, "failed" if bad else "passed", None, "")
 
 
-def _criterion(name: str, unit: str, runs: Sequence[_Findings]) -> CriterionHistory:
-    nights, failing = [], []
+def _units_of(found: Found) -> list[str]:
+    return [unit for unit, figure in found.measured if unit or figure is not None]
+
+
+def _figures(name: str, units: list[str], runs: Sequence[_Findings]) -> Iterator[CriterionHistory]:
+    """A criterion by its first figure, and beside it each other one."""
+    first = _criterion(name, units[0] if units else "", runs)
+    yield first
+    for unit in units[1:_MOST_UNITS]:
+        nights = _nights(runs, unit)
+        moved = moved_since([night.median for night in nights])
+        yield CriterionHistory(f"{name} ({unit})", unit, nights, None, moved, ())
+
+
+def _nights(runs: Sequence[_Findings], unit: str) -> tuple[Night, ...]:
+    nights = []
     for mine in runs:
-        judged = [(case, each) for case, each in mine if each.outcome in ("passed", "failed")]
-        figures = [each.figure for _, each in mine if each.figure is not None]
-        failing.append({case for case, each in judged if each.outcome == "failed"})
+        figures = [
+            figure
+            for _, each in mine
+            for its_unit, figure in each.measured
+            if figure is not None and its_unit == unit
+        ]
         median = statistics.median(figures) if figures else None
-        nights.append(Night(len(judged), len(failing[-1]), median))
+        outcomes = Counter(each.outcome for _, each in mine)
+        judged = outcomes["passed"] + outcomes["failed"]
+        nights.append(Night(judged, outcomes["failed"], median))
+    return tuple(nights)
+
+
+def _criterion(name: str, unit: str, runs: Sequence[_Findings]) -> CriterionHistory:
+    nights = _nights(runs, unit)
+    failing = [{case for case, each in mine if each.outcome == "failed"} for mine in runs]
     worse = more_fail_since([night.failed for night in nights], [night.judged for night in nights])
     cases: list[str] = []
     if worse is not None:
@@ -131,7 +160,7 @@ def _criterion(name: str, unit: str, runs: Sequence[_Findings]) -> CriterionHist
         counts = Counter(case for run in failing[worse:] for case in run if case not in before)
         cases = [case for case, _ in sorted(counts.items(), key=lambda each: (-each[1], each[0]))]
     moved = moved_since([night.median for night in nights])
-    return CriterionHistory(name, unit, tuple(nights), worse, moved, tuple(cases))
+    return CriterionHistory(name, unit, nights, worse, moved, tuple(cases))
 
 
 def _outcomes(runs: Sequence[Run]) -> dict[str, list[str]]:

@@ -22,12 +22,20 @@ _BATCH = 1_000
 # Of these there are millions.
 @dataclass(frozen=True, slots=True)
 class Found:
-    """What a criterion found in a case. `figure` is None where nothing could be measured."""
+    """What a criterion found in a case. `figure` is None where nothing could be measured;
+    `figures` has each with its unit, where a criterion has several.
+    """
 
     name: str
     outcome: str
     figure: float | None
     unit: str
+    figures: tuple[tuple[str, float | None], ...] = ()
+
+    @property
+    def measured(self) -> tuple[tuple[str, float | None], ...]:
+        """All figures with their units."""
+        return self.figures or ((self.unit, self.figure),)
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,10 +116,19 @@ def _case(row: dict[str, Any]) -> CaseOfRun:
                 _text(each["outcome"]),
                 _number(each["figure"]),
                 _text(each["unit"] or ""),
+                _figures(each),
             )
             for each in row["criteria"] or []
         ),
         _text(row.get("quarantine") or ""),
+    )
+
+
+def _figures(finding: dict[str, Any]) -> tuple[tuple[str, float | None], ...]:
+    """Of a criterion with several; tables of before there were `figures` have none of these."""
+    return tuple(
+        (_text(each["unit"] or ""), _number(each["figure"]))
+        for each in finding.get("figures") or []
     )
 
 

@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from bagpipe.row_facts import discarded_runs, is_finite, quarantine_words
+from bagpipe.row_facts import discarded_runs, figures_of, is_finite, quarantine_words
 
 Row = Mapping[str, Any]
 
@@ -22,6 +22,8 @@ _MOST_SECONDS = 200_000
 _MOST_TIMINGS = 20
 _LEDGER = ("sent", "received", "dropped")
 _MESSAGE_CHARACTERS = 300
+# Figures of one criterion; an own evaluator may give another unit in each case.
+_MOST_UNITS = 4
 _ALL_MESSAGES_CHARACTERS = 1_000_000
 _WORDS = ("fragment", "reason", "message", "seed", "round", "discarded", "quarantine")
 _LETTERS = {"passed": "P", "failed": "F", "invalid": "I"}
@@ -143,10 +145,15 @@ def _slim(row: Row) -> dict[str, Any]:
     timings = list((result.get("timings") or {}).items())[:_MOST_TIMINGS]
     slim["timings"] = {str(name): short(seconds, 3) for name, seconds in timings}
     slim["criteria"] = [
-        {key: finding.get(key) for key in ("name", "kind", "outcome", "figure", "unit", "limit")}
+        {key: finding.get(key) for key in ("name", "kind", "outcome")}
+        | {"figures": [_slim_figure(each) for each in figures_of(finding)[:_MOST_UNITS]]}
         for finding in row.get("criteria") or []
     ]
     return slim
+
+
+def _slim_figure(figure: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: figure.get(key) for key in ("figure", "unit", "limit")}
 
 
 def _timings(rows: list[Row]) -> dict[str, list[float | None]]:
@@ -170,31 +177,50 @@ def _variables(rows: list[Row]) -> list[dict[str, Any]]:
 
 
 def _criteria(rows: list[Row]) -> list[dict[str, Any]]:
-    """One map per criterion; figures are left out where all together would be too many."""
+    """One map per criterion, with its first figure and `others` of other units; figures are left
+    out where all together would be too many.
+    """
     found: dict[str, dict[str, Any]] = {}
     for at, row in enumerate(rows):
         for finding in row["criteria"]:
             criterion = found.setdefault(finding["name"], _empty(finding, len(rows)))
-            criterion["unit"] = criterion["unit"] or finding["unit"] or ""
-            criterion["limit"] = criterion["limit"] or finding["limit"] or ""
             criterion["outcomes"][at] = _LETTERS.get(finding["outcome"], "I")
-            criterion["figures"][at] = short(finding["figure"])
+            for figure in finding["figures"]:
+                _put(criterion["figures"], at, figure, len(rows))
     room = _MOST_FIGURES
+    criteria = []
     for criterion in found.values():
-        criterion["outcomes"] = "".join(criterion["outcomes"])
-        criterion["low"], criterion["high"] = limits_of(criterion["limit"])
-        room -= len(rows)
-        if room < 0:
-            criterion["figures"] = None
-    return list(found.values())
+        first, *others = criterion.pop("figures").values() or [_no_figures("", len(rows))]
+        for series in (first, *others):
+            series["low"], series["high"] = limits_of(series["limit"])
+            room -= len(rows)
+            if room < 0:
+                series["figures"] = None
+        outcomes = "".join(criterion["outcomes"])
+        criteria.append({**criterion, "outcomes": outcomes, **first, "others": others})
+    return criteria
+
+
+def _put(series: dict[str, dict[str, Any]], at: int, figure: Mapping[str, Any], cases: int) -> None:
+    """A case's figure among those of its unit. One that was not measured may have none."""
+    unit, limit = str(figure["unit"] or ""), str(figure["limit"] or "")
+    if not (unit or limit) and figure["figure"] is None:
+        return
+    if unit not in series and len(series) < _MOST_UNITS:
+        series[unit] = _no_figures(unit, cases)
+    if unit in series:
+        series[unit]["limit"] = series[unit]["limit"] or limit
+        series[unit]["figures"][at] = short(figure["figure"])
+
+
+def _no_figures(unit: str, cases: int) -> dict[str, Any]:
+    return {"unit": unit, "limit": "", "figures": [None] * cases}
 
 
 def _empty(finding: Mapping[str, Any], cases: int) -> dict[str, Any]:
     return {
         "name": finding["name"],
         "kind": finding["kind"],
-        "unit": "",
-        "limit": "",
         "outcomes": ["-"] * cases,
-        "figures": [None] * cases,
+        "figures": {},
     }

@@ -12,7 +12,14 @@ from bagpipe.report.images import images_of
 from bagpipe.report.lines import lines_of
 from bagpipe.report.series import series_of
 from bagpipe.report.spool import Spool
-from bagpipe.row_facts import discarded_runs, is_finite, pair_of, recorded_names, run_words
+from bagpipe.row_facts import (
+    discarded_runs,
+    figures_of,
+    is_finite,
+    pair_of,
+    recorded_names,
+    run_words,
+)
 
 Row = Mapping[str, Any]
 
@@ -27,6 +34,7 @@ _MOST_CASE_BYTES = 64_000
 _MOST_GROUPS = 50
 _MOST_OF_A_GROUP = 2000
 _STDERR_LINES = 40
+_MOST_FIGURES = 4
 _LINE_CHARACTERS = 500
 _LEDGER_TOPICS = 50
 _LEDGER_NODES = 20
@@ -149,13 +157,7 @@ def detail_of(row: Row) -> dict[str, Any]:
         "message": str(row.get("message") or "")[:4000],
         "stderr": stderr,
         "lines": lines_of(row, stderr),
-        "criteria": [
-            {
-                key: str(finding.get(key) or "")[:1000]
-                for key in ("name", "kind", "outcome", "limit", "covered", "message")
-            }
-            for finding in row.get("criteria") or []
-        ],
+        "criteria": [_finding(finding) for finding in row.get("criteria") or []],
         "bag": str(row.get("bag") or ""),
         "window": _window(row),
         "recorded": [str(name)[:1000] for name in recorded_names(row)[:_MOST_RECORDED]],
@@ -173,6 +175,22 @@ def detail_of(row: Row) -> dict[str, Any]:
         },
         "series": series_of(row),
     }
+
+
+def _finding(finding: Mapping[str, Any]) -> dict[str, str]:
+    """What a criterion found, in words; `figures` are all of them, where it has several."""
+    words = {key: finding.get(key) for key in ("name", "kind", "outcome", "covered", "message")}
+    figures = figures_of(finding)[:_MOST_FIGURES]
+    words["limit"] = "; ".join(str(each["limit"]) for each in figures if each.get("limit"))
+    if len(figures) > 1:
+        words["figures"] = "; ".join(map(_figure, figures))
+    return {key: str(text or "")[:1000] for key, text in words.items()}
+
+
+def _figure(measured: Mapping[str, Any]) -> str:
+    figure = measured.get("figure")
+    shown = "–" if figure is None else short(figure) if is_finite(figure) else "infinite"
+    return f"{shown} {measured.get('unit') or ''}".strip()
 
 
 def _window(row: Row) -> list[int] | None:

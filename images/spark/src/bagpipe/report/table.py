@@ -12,6 +12,15 @@ from bagpipe.row_facts import discarded_runs, quarantine_words
 
 Row = Mapping[str, Any]
 
+_BOUND = pa.struct(
+    [
+        ("outcome", pa.string()),
+        ("figure", pa.float64()),
+        ("unit", pa.string()),
+        ("limit", pa.string()),
+        ("direction", pa.string()),
+    ]
+)
 _CRITERION = pa.struct(
     [
         ("name", pa.string()),
@@ -25,6 +34,7 @@ _CRITERION = pa.struct(
         ("coverage", pa.float64()),
         ("covered", pa.string()),
         ("clock", pa.string()),
+        ("figures", pa.list_(_BOUND)),
     ]
 )
 _FIGURES = [field.name for field in _CRITERION]

@@ -8,11 +8,13 @@ function criteriaTable() {
   const head = el("tr", {}, ["Criterion", "May be", "Cases", "Figures"].map((name) => el("th", { scope: "col" }, name)));
   const lines = DATA.criteria.map((criterion, number) => el("tr", {},
     el("th", { scope: "row" }, criterion.name, " ", el("small", {}, criterion.kind)),
-    el("td", {}, criterion.limit || "–"),
+    el("td", {}, limitsOf(criterion)),
     el("td", {}, ["F", "I", "P"].map((letter) => countButton(criterion, number, letter))),
-    el("td", {}, histograms(criterion))));
+    el("td", {}, [criterion, ...criterion.others].map(histograms))));
   byId("criteria-table").append(el("table", { class: "plain" }, el("thead", {}, head), el("tbody", {}, lines)));
 }
+
+const limitsOf = (criterion) => [criterion, ...criterion.others].map((each) => each.limit).filter(Boolean).join("; ") || "–";
 
 function countButton(criterion, number, letter) {
   const count = criterion.outcomes.split(letter).length - 1;

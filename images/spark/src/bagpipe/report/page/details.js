@@ -83,14 +83,15 @@ function plainTable(heads, lines) {
 }
 
 const findings = (criteria) => plainTable(["Criterion", "Outcome", "May be", "What was found", "Judged on"], criteria.map((finding) =>
-  [finding.name, el("span", { class: `word ${finding.outcome}` }, finding.outcome), finding.limit, finding.message, finding.covered || "–"]));
+  [finding.name, el("span", { class: `word ${finding.outcome}` }, finding.outcome), finding.limit,
+    [finding.message, finding.figures ? el("small", {}, ` All figures: ${finding.figures}.`) : null], finding.covered || "–"]));
 
 function figuresOf(at) {
   const judged = DATA.criteria.filter((criterion) => criterion.outcomes[at] !== "-");
   if (judged.length === 0) return null;
   return plainTable(["Criterion", "Outcome", "May be", "Figure"], judged.map((criterion) => [criterion.name,
     el("span", { class: `word ${OUTCOMES[criterion.outcomes[at]]}` }, OUTCOMES[criterion.outcomes[at]]),
-    criterion.limit, criterion.figures ? figure(criterion.figures[at], criterion.unit) : "–"]));
+    limitsOf(criterion), [criterion, ...criterion.others].map((each) => each.figures ? figure(each.figures[at], each.unit) : "–").join("; ")]));
 }
 
 const ledgerTable = (lines) => plainTable(["Topic", "Sent", "Node", "Received", "Dropped", "Proof", "Queue"],
