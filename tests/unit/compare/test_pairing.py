@@ -5,8 +5,9 @@ from typing import Any
 import pytest
 
 from bagpipe.compare.changes import Change, changes
+from bagpipe.compare.compare import compare
 from bagpipe.compare.delivery import delivery
-from bagpipe.compare.pairing import Rounds, Versions, recording_of
+from bagpipe.compare.pairing import ROUNDS, Rounds, Series, Versions, recording_of, titles
 from bagpipe.row_facts import key_of
 from tests.unit.compare.rows import rounds, row
 
@@ -106,7 +107,7 @@ def test_the_rounds_of_a_case_are_summarized_by_their_most_frequent_outcome(
 
 def test_figures_are_kept_by_round_and_those_without_a_direction_or_a_number_are_none() -> None:
     criteria = [
-        {"name": "delay", "figure": 0.5, "unit": "s", "direction": "lower"},
+        {"name": "delay", "kind": "own", "figure": 0.5, "unit": "s", "direction": "lower"},
         {"name": "seen", "figure": 7, "direction": ""},
         {"name": "rate", "figure": None, "unit": None, "direction": "higher"},
     ]
@@ -114,15 +115,49 @@ def test_figures_are_kept_by_round_and_those_without_a_direction_or_a_number_are
     found = Versions.read([*rows, row(0, "w", figure=0.0)])
     [played] = found.of["v"].values()
     assert played.figures == {
-        ("delay", "s"): [0.5], ("rounds: passed", "%"): [100.0, 0.0],
-        (DISCARDED, "runs"): [0.0, 0.0],
+        ("delay", "s", "own", "lower"): [0.5], ROUNDS: [100.0, 0.0],
+        (DISCARDED, "runs", "", "lower"): [0.0, 0.0],
     }  # fmt: skip
     assert (played.cases, played.reasons) == (["a-0000-v"] * 2, ["", "Bad"])
-    assert found.directions == {
-        ("delay", "s"): "lower", ("rate", ""): "higher", ("latency", "s"): "lower",
-        (LOSS, "%"): "lower", (DISCARDED, "runs"): "lower", ("rounds: passed", "%"): "higher",
-    }  # fmt: skip
-    assert next(iter(found.of["w"].values())).figures["latency", "s"] == [0.0]
+    latency = Series("latency", "s", "", "lower")
+    assert list(found.series) == [
+        ("delay", "s", "own", "lower"), ("rate", "", "", "higher"), latency,
+        (LOSS, "%", "", "lower"), (DISCARDED, "runs", "", "lower"), ROUNDS,
+    ]  # fmt: skip
+    assert next(iter(found.of["w"].values())).figures[latency] == [0.0]
+
+
+@pytest.mark.parametrize(
+    ("series", "names"),
+    [
+        ([("c", "s", "own", "lower"), ("d", "s", "own", "lower")], ["c", "d"]),
+        ([("c", "s", "own", "lower"), ("c", "m", "own", "lower")], ["c (s)", "c (m)"]),
+        ([("c", "", "error", "lower"), ("c", "", "expression", "higher")],
+         ["c (error)", "c (expression)"]),
+        ([("c", "m", "own", "lower"), ("c", "", "error", "lower")], ["c (m, own)", "c (error)"]),
+        ([("c", "m", "own", "lower"), ("c", "m", "own", "higher")],
+         ["c (lower is better)", "c (higher is better)"]),
+    ],
+)  # fmt: skip
+def test_series_of_one_criterion_are_called_by_what_distinguishes_them(
+    series: list[tuple[str, str, str, str]], names: list[str]
+) -> None:
+    assert list(titles(Series(*each) for each in series).values()) == names
+
+
+def test_a_criterion_that_took_another_s_name_is_another_one() -> None:
+    """An error in metres before, a share of messages now: figures of two kinds."""
+
+    def judged(number: int, kind: str, figure: float, direction: str) -> dict[str, Any]:
+        finding = {"name": "lane", "kind": kind, "figure": figure, "unit": ""}
+        return row(number, "", criteria=[finding | {"direction": direction}])
+
+    before = [judged(n, "error", 0.2, "lower") for n in range(12)]
+    now = [judged(n, "expression", 0.9, "higher") for n in range(12)]
+    for earlier, later in ((before, now), (now, before)):
+        (found,) = compare(later, [], earlier)
+        assert found.verdict == "same", found.message
+        assert "measured no more: lane (" in found.message
 
 
 @pytest.mark.parametrize(

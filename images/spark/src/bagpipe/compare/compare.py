@@ -59,13 +59,13 @@ def compare(
     names = variants or [""]
     if earlier is None:
         baseline, others = now.all_of(names[0]), names[1:]
-        called, directions = names[0], now.directions
+        called, series = names[0], now.series
     else:
         before = Versions.read(earlier)
         baseline = next((before.all_of(variant) for variant in before.of), {})
         others = names
-        called, directions = "the earlier job", before.directions | now.directions
-    return [_compared(name, called, baseline, now, directions) for name in others]
+        called, series = "the earlier job", before.series | now.series
+    return [_compared(name, called, baseline, now, list(series)) for name in others]
 
 
 def _compared(
@@ -73,7 +73,7 @@ def _compared(
     called: str,
     baseline: Mapping[Key, Rounds],
     now: Versions,
-    directions: Mapping[Series, str],
+    series: list[Series],
 ) -> Comparison:
     variant, quarantined = now.of.get(name, {}), now.quarantined.get(name, {})
     found = changes(baseline, variant)
@@ -94,13 +94,13 @@ def _compared(
     }  # fmt: skip
     pairs = {key: (baseline[key], variant[key]) for key in found}
     if all(len(rounds.outcomes) == 1 for pair in pairs.values() for rounds in pair):
-        directions = {key: better for key, better in directions.items() if key != ROUNDS}
-    criteria = compared(directions, pairs)
+        series = [each for each in series if each != ROUNDS]
+    criteria = compared(series, pairs)
     criteria = [one for one in criteria if one.name not in FIGURES or _says_something(one)]
     verdict, message = _verdict(counts, became, criteria)
     fails = sum(variant[key].worst != "passed" for key in variant.keys() - found.keys())
     message += f" ({fails} not passed)" if fails else ""
-    unmeasured = _unmeasured(baseline, variant, titles(directions))
+    unmeasured = _unmeasured(baseline, variant, titles(series))
     message += f"; {len(hidden)} worse in quarantine" if hidden else ""
     message += f"; measured no more: {', '.join(unmeasured)}" if unmeasured else ""
     other = sum(before.recording != after.recording for before, after in pairs.values())
@@ -138,7 +138,7 @@ def _unmeasured(
         }
         for version in (baseline, variant)
     )
-    gone = (series for series in before - now if series[0] not in FIGURES)
+    gone = (series for series in before - now if series.name not in FIGURES)
     return sorted(called[series] for series in gone) if now else []
 
 

@@ -85,9 +85,7 @@ class _Side:
     tail: float
 
 
-def measured(
-    called: str, series: Series, direction: str, pairs: Sequence[tuple[Rounds, Rounds]]
-) -> Measured:
+def measured(called: str, series: Series, pairs: Sequence[tuple[Rounds, Rounds]]) -> Measured:
     """What the cases that have the figure in both versions measured, by recording.
 
     What is infinite, such as the time to a collision that never comes, counts as twice the largest
@@ -106,7 +104,7 @@ def measured(
         after[recording].append(fmean(_bounded(now, most)))
     baseline = [fmean(found) for found in before.values()]
     variant = [fmean(found) for found in after.values()]
-    return Measured(called, series[1], direction, len(there), baseline, variant)
+    return Measured(called, series.unit, series.better, len(there), baseline, variant)
 
 
 def _bounded(figures: Sequence[float], most: float) -> list[float]:
@@ -115,13 +113,11 @@ def _bounded(figures: Sequence[float], most: float) -> list[float]:
 
 
 def compared(
-    directions: Mapping[Series, str], pairs: Mapping[Key, tuple[Rounds, Rounds]]
+    series: Sequence[Series], pairs: Mapping[Key, tuple[Rounds, Rounds]]
 ) -> list[CriterionComparison]:
     """Every figure that has a better direction, each corrected for the others."""
-    both, called = list(pairs.values()), titles(directions)
-    return judged(
-        [measured(called[series], series, better, both) for series, better in directions.items()]
-    )
+    both, called = list(pairs.values()), titles(series)
+    return judged([measured(called[each], each, both) for each in series])
 
 
 def judged(all_measured: Sequence[Measured]) -> list[CriterionComparison]:

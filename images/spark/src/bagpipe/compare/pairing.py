@@ -3,25 +3,38 @@
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 from bagpipe.compare.delivery import FIGURES, delivery
 from bagpipe.row_facts import Key, figures_of, key_of, quarantine_of
 
 Row = Mapping[str, Any]
 
-# A criterion's name and the unit of its figures, of which one with several bounds has several.
-Series = tuple[str, str]
+
+class Series(NamedTuple):
+    """Figures that can be compared: those of one criterion in one unit, as one kind of measurement
+    gives them, of which the `better` are `lower` or `higher`.
+
+    A criterion with several bounds has several, and so has one that took another's name.
+    """
+
+    name: str
+    unit: str
+    kind: str
+    better: str
+
 
 # The share of a case's rounds that passed: each of many cases may lose too few to be significant.
-ROUNDS: Series = ("rounds: passed", "%")
+ROUNDS = Series("rounds: passed", "%", "", "higher")
+
+_DELIVERY = {name: Series(name, unit, "", better) for name, (unit, better) in FIGURES.items()}
 
 
 @dataclass
 class Rounds:
     """What one version did in one case, round by round.
 
-    `figures` has what each criterion measured, by its unit. `recording` says with which other
+    `figures` has what each criterion measured. `recording` says with which other
     cases it may share its luck: those of the same recording are not independent of each other.
     """
 
@@ -42,7 +55,7 @@ class Rounds:
                     self.figures[_series(finding, each)].append(float(each["figure"]))
         self.figures[ROUNDS].append(100.0 * (row["outcome"] == "passed"))
         for name, figure in delivery(row).items():
-            self.figures[name, FIGURES[name][0]].append(figure)
+            self.figures[_DELIVERY[name]].append(figure)
 
     def joined(self, other: Self) -> Self:
         """These rounds and other ones of the same case."""
@@ -81,7 +94,7 @@ class Rounds:
 
 @dataclass
 class Versions:
-    """Rows by variant, and of each series of figures the direction that is better.
+    """Rows by variant, and the series of their figures, in the order of the first rows.
 
     Those in quarantine are apart: they don't count as what a version does now, and do as what one
     did before, which nobody can change any more.
@@ -89,7 +102,7 @@ class Versions:
 
     of: dict[str, dict[Key, Rounds]] = field(default_factory=lambda: defaultdict(dict))
     quarantined: dict[str, dict[Key, Rounds]] = field(default_factory=lambda: defaultdict(dict))
-    directions: dict[Series, str] = field(default_factory=dict)
+    series: dict[Series, None] = field(default_factory=dict)
 
     @classmethod
     def read(cls, rows: Iterable[Row]) -> Self:
@@ -103,10 +116,8 @@ class Versions:
             for finding in row.get("criteria") or []:
                 for each in figures_of(finding):
                     if each.get("direction"):
-                        series = _series(finding, each)
-                        found.directions.setdefault(series, str(each["direction"]))
-        found.directions |= {(name, unit): better for name, (unit, better) in FIGURES.items()}
-        found.directions[ROUNDS] = "higher"
+                        found.series[_series(finding, each)] = None
+        found.series |= dict.fromkeys((*_DELIVERY.values(), ROUNDS))
         return found
 
     def all_of(self, variant: str) -> dict[Key, Rounds]:
@@ -118,14 +129,27 @@ class Versions:
 
 
 def titles(series: Iterable[Series]) -> dict[Series, str]:
-    """What each is called: its criterion's name, with the unit where that one has several."""
-    found = list(series)
-    units = Counter(name for name, _ in found)
-    return {(name, unit): name if units[name] == 1 else f"{name} ({unit})" for name, unit in found}
+    """What each is called: its criterion's name, with what distinguishes it where that one has
+    several.
+    """
+    by_name: dict[str, list[Series]] = defaultdict(list)
+    for each in series:
+        by_name[each.name].append(each)
+    return {each: _title(each, others) for others in by_name.values() for each in others}
+
+
+def _title(one: Series, others: list[Series]) -> str:
+    if len(others) == 1:
+        return one.name
+    units, kinds = {each.unit for each in others}, {each.kind for each in others}
+    words = [one.unit] if len(units) > 1 else []
+    words += [one.kind] if len(kinds) > 1 else []
+    return f"{one.name} ({', '.join(filter(None, words)) or f'{one.better} is better'})"
 
 
 def _series(finding: Mapping[str, Any], figure: Mapping[str, Any]) -> Series:
-    return finding["name"], str(figure.get("unit") or "")
+    unit, kind = str(figure.get("unit") or ""), str(finding.get("kind") or "")
+    return Series(finding["name"], unit, kind, str(figure["direction"]))
 
 
 def recording_of(row: Row) -> str:
