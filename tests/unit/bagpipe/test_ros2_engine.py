@@ -231,6 +231,14 @@ def test_nobody_knows_what_a_node_lost_that_is_not_counted(strength: str) -> Non
     assert judge(found).reason == "MessagesLost"
 
 
+def test_lines_whose_figures_are_none_are_marked() -> None:
+    strengths = ("sent", "received", "taken", "called")
+    found = result(*((f"/{each}", "/lane", each) for each in strengths))
+    PROOF.mark(found)
+    lines = [topic["subscribers"][0].get("proved") for topic in found["ledger"]["topics"]]
+    assert lines == [False, False, None, None]
+
+
 def test_a_loss_goes_before_a_loss_that_is_only_possible() -> None:
     found = result(("/tf", "/other", "received"), ("/scan", "/lane", "taken"))
     found["ledger"]["topics"][1]["subscribers"][0] |= {"received": 2, "dropped": 1}

@@ -122,7 +122,7 @@ def test_figures_are_kept_by_round_and_those_without_a_direction_or_a_number_are
     latency = Series("latency", "s", "", "lower")
     assert list(found.series) == [
         ("delay", "s", "own", "lower"), ("rate", "", "", "higher"), latency,
-        (LOSS, "%", "", "lower"), (DISCARDED, "runs", "", "lower"), ROUNDS,
+        (DISCARDED, "runs", "", "lower"), ROUNDS,
     ]  # fmt: skip
     assert next(iter(found.of["w"].values())).figures[latency] == [0.0]
 

@@ -14,36 +14,60 @@ LOSS = "delivery: loss"
 DISCARDED = "delivery: discarded runs"
 # Unit, and the direction that is better.
 FIGURES = {LOSS: ("%", "lower"), DISCARDED: ("runs", "lower")}
-# Strengths of a ledger's line that say nothing of what a node took.
+# Strengths that say nothing of what a node took, in rows of before such lines were marked.
 _UNCOUNTED = frozenset({"sent", "received"})
+_MOST_NAMED = 3
 
 
 def delivery(row: Row) -> dict[str, float]:
     """The share of messages that did not arrive, in all runs of the case, and tries thrown away.
 
     The tries that were thrown away count: what is lossy in nine of ten is not lossless. Starts that
-    were lost with their executor don't: a version is not worse for nodes that were drained. Where
-    the job allows that delivery is not proved, nothing is measured of a node that nobody counts.
+    were lost with their executor don't: a version is not worse for nodes that were drained. Of a
+    node that nobody counts nothing is measured, whatever became of the case.
     """
-    uncounted = _UNCOUNTED if _allows_unproved(row) else frozenset()
     found = {DISCARDED: float(discarded_tries(row))}
     sent = lost = 0
-    for ledger in _ledgers(row):
-        for topic in ledger.get("topics") or []:
-            for node in topic.get("subscribers") or []:
-                if node.get("strength") in uncounted:
-                    continue
-                sent += int(topic["sent"])
-                missing = int(topic["sent"]) - int(node["received"])
-                # An earlier job's results are a file that people may edit.
-                lost += max(missing, int(node.get("dropped") or 0), 0)
+    for topic, node in _lines(row):
+        if _is_counted(node, row):
+            sent += int(topic["sent"])
+            missing = int(topic["sent"]) - int(node["received"])
+            # An earlier job's results are a file that people may edit.
+            lost += max(missing, int(node.get("dropped") or 0), 0)
     if sent:
         found[LOSS] = 100 * min(1.0, lost / sent)
     return found
 
 
+def left_out(row: Row) -> str:
+    """The nodes that nobody counts, in words, empty where all are counted: a share of what others
+    lost is compared with a share of what the same ones lost.
+    """
+    lines = ((str(node.get("node")), topic, node) for topic, node in _lines(row))
+    found = {name for name, topic, node in lines if topic["sent"] and not _is_counted(node, row)}
+    nodes = sorted(found)
+    if not nodes:
+        return ""
+    more = len(nodes) - _MOST_NAMED
+    return f"without {', '.join(nodes[:_MOST_NAMED])}{f' and {more} more' if more > 0 else ''}"
+
+
+def _is_counted(node: Mapping[str, Any], row: Row) -> bool:
+    if node.get("proved") is False:
+        return False
+    return node.get("strength") not in _UNCOUNTED or not _allows_unproved(row)
+
+
 def _allows_unproved(row: Row) -> bool:
     return any(each.get("cause") == "DeliveryUnproved" for each in row.get("allowed") or [])
+
+
+def _lines(row: Row) -> Iterator[tuple[Mapping[str, Any], Mapping[str, Any]]]:
+    """Topics and their subscribers, of all ledgers."""
+    for ledger in _ledgers(row):
+        for topic in ledger.get("topics") or []:
+            for node in topic.get("subscribers") or []:
+                yield topic, node
 
 
 def _ledgers(row: Row) -> Iterator[Mapping[str, Any]]:

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, Self
 
-from bagpipe.compare.delivery import FIGURES, delivery
+from bagpipe.compare.delivery import FIGURES, LOSS, delivery, left_out
 from bagpipe.row_facts import Key, figures_of, key_of, quarantine_of
 
 Row = Mapping[str, Any]
@@ -26,8 +26,6 @@ class Series(NamedTuple):
 
 # The share of a case's rounds that passed: each of many cases may lose too few to be significant.
 ROUNDS = Series("rounds: passed", "%", "", "higher")
-
-_DELIVERY = {name: Series(name, unit, "", better) for name, (unit, better) in FIGURES.items()}
 
 
 @dataclass
@@ -54,8 +52,8 @@ class Rounds:
                 if each.get("figure") is not None and each.get("direction"):
                     self.figures[_series(finding, each)].append(float(each["figure"]))
         self.figures[ROUNDS].append(100.0 * (row["outcome"] == "passed"))
-        for name, figure in delivery(row).items():
-            self.figures[_DELIVERY[name]].append(figure)
+        for series, figure in _delivered(row).items():
+            self.figures[series].append(figure)
 
     def joined(self, other: Self) -> Self:
         """These rounds and other ones of the same case."""
@@ -108,6 +106,7 @@ class Versions:
     def read(cls, rows: Iterable[Row]) -> Self:
         """Each row is looked at once and not kept."""
         found = cls()
+        delivered: dict[Series, None] = {}
         for row in rows:
             variant = str(row.get("variant") or "")
             cases = found.of[variant]  # also where all are in quarantine: its keys are in order
@@ -117,7 +116,8 @@ class Versions:
                 for each in figures_of(finding):
                     if each.get("direction"):
                         found.series[_series(finding, each)] = None
-        found.series |= dict.fromkeys((*_DELIVERY.values(), ROUNDS))
+            delivered |= dict.fromkeys(_delivered(row))
+        found.series |= delivered | {ROUNDS: None}
         return found
 
     def all_of(self, variant: str) -> dict[Key, Rounds]:
@@ -142,14 +142,25 @@ def _title(one: Series, others: list[Series]) -> str:
     if len(others) == 1:
         return one.name
     units, kinds = {each.unit for each in others}, {each.kind for each in others}
+    if len(units) == len(kinds) == 1:
+        return f"{one.name} ({one.better} is better)"
     words = [one.unit] if len(units) > 1 else []
     words += [one.kind] if len(kinds) > 1 else []
-    return f"{one.name} ({', '.join(filter(None, words)) or f'{one.better} is better'})"
+    return f"{one.name} ({', '.join(filter(None, words))})" if any(words) else one.name
 
 
 def _series(finding: Mapping[str, Any], figure: Mapping[str, Any]) -> Series:
     unit, kind = str(figure.get("unit") or ""), str(finding.get("kind") or "")
     return Series(finding["name"], unit, kind, str(figure["direction"]))
+
+
+def _delivered(row: Row) -> dict[Series, float]:
+    """What was lost on the way, of the nodes that are counted."""
+    found = {}
+    for name, figure in delivery(row).items():
+        unit, better = FIGURES[name]
+        found[Series(name, unit, left_out(row) if name == LOSS else "", better)] = figure
+    return found
 
 
 def recording_of(row: Row) -> str:

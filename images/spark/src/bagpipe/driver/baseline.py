@@ -12,6 +12,7 @@ from bagpipe.storage import Storage, StorageError
 _COMPARED = (
     "case", "fragment", "variant", "values", "seed", "round", "bag", "parts", "outcome", "reason",
     "criteria", "attempts", "starts", "discarded", "evidence",
+    "allowed",
 )  # fmt: skip
 
 

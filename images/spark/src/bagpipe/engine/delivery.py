@@ -21,6 +21,15 @@ class Proof:
     strengths: frozenset[str]
     lacking: Callable[[Mapping[str, Any]], Iterator[Judgement]]
 
+    def mark(self, result: Mapping[str, Any]) -> None:
+        """Puts `proved: false` to each line of the RESULT's ledger whose figures are none: its
+        readers don't know the engine, and the same word proves a delivery in another one.
+        """
+        for topic in result["ledger"]["topics"]:
+            for line in topic["subscribers"]:
+                if line["strength"] not in self.strengths:
+                    line["proved"] = False
+
 
 def judge(
     result: dict[str, Any],

@@ -34,6 +34,8 @@ def replayed(
         answer = exchange(sink)
         result = engine_result(answer, RESULT)
     spec = attempt.spec
+    if proof is not None:
+        proof.mark(result)
     judgement = judge(result, FaultPolicy(spec.fault_policy), spec.playback.mode, proof)
     judgement = attempt.source.judge(result, judgement)
     # Read when a criterion asks for it, or when there is a log in it.
