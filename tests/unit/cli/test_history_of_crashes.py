@@ -34,6 +34,41 @@ def test_what_does_not_work_at_all_any_more_got_worse(outcome: str, found: str |
     assert history.regressions, "exit status 0: nothing got worse"
 
 
+def night_of_a_known_fault(number: int, *others: tuple[str, str]) -> Run:
+    """Twenty cases that fail one criterion as ever, and what two others found in most of them."""
+    known = Found("known fault", "failed", 2.0, "m")
+    cases = []
+    for case in range(20):
+        found = [Found(name, outcome if case else "passed", None, "") for name, outcome in others]
+        cases.append(CaseOfRun(f"a-{case:04d}", "failed", 1.0, 0, (known, *found)))
+    return Run(f"results/{number}", f"2026-10-{number + 1:02d}", "Failed", tuple(cases))
+
+
+def test_a_criterion_that_is_not_judged_any_more_is_named_also_where_another_fails_as_ever() -> (
+    None
+):
+    good = [night_of_a_known_fault(n, ("gap", "passed"), ("lane", "passed")) for n in range(10)]
+    blind = [
+        night_of_a_known_fault(n, ("gap", "invalid"), ("lane", "passed")) for n in range(10, 20)
+    ]
+    history = history_of(good + blind)
+    [worse] = history.regressions
+    assert (worse.name, worse.worse) == ("gap: not judged", 10)
+    assert [night.failed for night in worse.nights] == [0] * 10 + [19] * 10
+    assert len(worse.cases) == 19
+    names = [each.name for each in history.criteria]
+    assert names == ["known fault", "gap", "lane", "gap: not judged"]
+    # It is over, and what was never judged is none the worse.
+    assert history_of(good + blind + good).regressions == []
+    assert history_of(blind).regressions == []
+
+
+def test_a_case_that_nothing_decided_is_named_once() -> None:
+    nights = [night(n, "invalid" if n >= 10 else "passed", "invalid" if n >= 10 else "passed")
+              for n in range(20)]  # fmt: skip
+    assert [each.name for each in history_of(nights).regressions] == ["cases: not judged"]
+
+
 def test_nights_that_ended_without_results_are_named(tmp_path: Path) -> None:
     """A job that hangs is ended by its deadline, and leaves a journal and no manifest."""
     publish(tmp_path, [make_row("a", recorded=None)], uid="good")

@@ -9,8 +9,10 @@ from dataclasses import dataclass
 from bagpipe.history.run import CaseOfRun, Found, Run
 from bagpipe.history.steps import more_fail_since, moved_since
 
-# Beside the criteria, whose names have no colon.
+# Beside the criteria, whose names have no colon: cases that no criterion decided, and what of one
+# criterion was not judged in the others.
 UNJUDGED = "cases: not judged"
+_NOT_JUDGED = "{}: not judged"
 
 _MOST = 10
 # Of one criterion; an own evaluator may give another unit in each case.
@@ -18,6 +20,8 @@ _MOST_UNITS = 8
 _MOST_QUARANTINED = 200
 # What a criterion found in a run, with the names of the cases.
 _Findings = list[tuple[str, Found]]
+# Whether something was judged, as if that were a criterion.
+_SEEN, _UNSEEN = Found("", "passed", None, ""), Found("", "failed", None, "")
 
 
 @dataclass(frozen=True)
@@ -102,22 +106,38 @@ def history_of(runs: Sequence[Run]) -> History:
             for found in case.criteria:
                 units.setdefault(found.name, {}).update(dict.fromkeys(_units_of(found)))
                 by_name[-1][found.name].append((case.name, found))
-    criteria = tuple(
-        each
-        for name, found_units in (units | {UNJUDGED: {}}).items()
-        for each in _figures(name, list(found_units), [each.get(name, []) for each in by_name])
-    )
-    if not any(night.failed for night in criteria[-1].nights):
-        criteria = criteria[:-1]
+    criteria: list[CriterionHistory] = []
+    unjudged = [each[UNJUDGED] for each in by_name]
+    lost = [{case for case, each in mine if each.outcome == "failed"} for mine in unjudged]
+    doubts = []
+    for name, found_units in units.items():
+        mine = [each.get(name, []) for each in by_name]
+        criteria += _figures(name, list(found_units), mine)
+        doubts.append(_criterion(_NOT_JUDGED.format(name), "", _doubted(mine, lost)))
+    doubts.append(_criterion(UNJUDGED, "", unjudged))
+    criteria += [each for each in doubts if any(night.failed for night in each.nights)]
     quarantined = tuple(_quarantined(runs))
-    return History(tuple(runs), criteria, tuple(_flaky(runs)), tuple(_slowest(runs)), quarantined)
+    return History(
+        tuple(runs), tuple(criteria), tuple(_flaky(runs)), tuple(_slowest(runs)), quarantined
+    )
 
 
 def _unjudged(case: CaseOfRun) -> Found:
     """What no criterion shows: a stack that crashed, a case without evidence or without an end."""
     judged = any(found.outcome == "failed" for found in case.criteria)
     bad = case.outcome != "passed" and not judged
-    return Found(UNJUDGED, "failed" if bad else "passed", None, "")
+    return _UNSEEN if bad else _SEEN
+
+
+def _doubted(runs: Sequence[_Findings], lost: Sequence[set[str]]) -> list[_Findings]:
+    """Where a criterion could not be judged in a case that another one decided."""
+    return [
+        [
+            (case, _UNSEEN if each.outcome == "invalid" and case not in gone else _SEEN)
+            for case, each in mine
+        ]
+        for mine, gone in zip(runs, lost, strict=True)
+    ]
 
 
 def _units_of(found: Found) -> list[str]:
