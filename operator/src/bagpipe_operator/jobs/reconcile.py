@@ -109,7 +109,7 @@ class Reconciler:
     _recorder: EventRecorder = field(init=False)
 
     def __post_init__(self) -> None:
-        self._recorder = EventRecorder(self.api)
+        self._recorder = EventRecorder(self.api, self.monotonic)
         self.begin_to_lead()
 
     def begin_to_lead(self) -> None:
@@ -139,14 +139,7 @@ class Reconciler:
         """Brings one job forward; raises ApiError when it should be tried again."""
         job = self.view.job(uid)
         if job is None or job.deleting:
-            self._forget(uid)  # its children go by their ownerReferences
-            self._warm.forget_driver(uid)
-            self._unanswered.pop(uid, None)
-            self._recorder.forget(uid)
-            self.announcer.forget(uid)
-            self._handover.forget(uid)
-            if self.queueing is not None:
-                self.queueing.gone(uid)
+            self._forget_gone(uid)
             return
         before = self._unanswered.get(uid)
         if before is not None and before.resource_version != job.resource_version:
@@ -156,21 +149,40 @@ class Reconciler:
             job = await self._advance(job)
         else:
             job = await self._write(job, acknowledged(job))
-        if job is not None and job.finished:
+        if job is None:
+            return
+        if job.finished:
             self.announcer.announce(job)
             await self._stop_leftovers(job)
             self._forget(uid)
-        if job is not None:
-            await self._recorder.write(job, self.now())
-        if job is not None and self.queueing is not None:
+        unwritten = await self._recorder.write(job, self.now())
+        # What others wait for, a place in a queue above all, waits for no Event.
+        if self.queueing is not None:
             await self.queueing.settle(job)
-        kept = job is None or not job.finished or self.announcer.owes(job)
-        if job is None or kept or not expired(job, self.now()):
-            return
-        own = own_driver_in_pool(job.name, job.status)
-        lends = await may_lend_pods(self.api, job.namespace, own, uid)
-        if not lends and not await self._handover.waits(job):
+        if await self._is_due_to_go(job):
             await self._remove(job)
+        elif unwritten is not None:
+            raise unwritten  # else nothing might ever ask for a job that has ended or rests
+
+    def _forget_gone(self, uid: str) -> None:
+        """There is no such job any more; its children go by their ownerReferences."""
+        self._forget(uid)
+        self._warm.forget_driver(uid)
+        self._unanswered.pop(uid, None)
+        self._recorder.forget(uid)
+        self.announcer.forget(uid)
+        self._handover.forget(uid)
+        if self.queueing is not None:
+            self.queueing.gone(uid)
+
+    async def _is_due_to_go(self, job: JobView) -> bool:
+        """Whether a job was kept for as long as its spec says, and nothing is owed of it."""
+        if not expired(job, self.now()) or self.announcer.owes(job) or self._recorder.owes(job):
+            return False
+        own = own_driver_in_pool(job.name, job.status)
+        if await may_lend_pods(self.api, job.namespace, own, job.uid):
+            return False
+        return not await self._handover.waits(job)
 
     async def _advance(self, job: JobView) -> JobView | None:
         """Looks, decides, writes and stops what has to stop; the job as it is now."""

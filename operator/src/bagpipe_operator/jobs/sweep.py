@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 
 from bagpipe_operator.jobs.large_jobs import LargeJobs
 from bagpipe_operator.jobs.policies.places import lingers
-from bagpipe_operator.jobs.policies.suspend import rests
+from bagpipe_operator.jobs.policies.suspend import is_swept
 from bagpipe_operator.jobs.policies.ttl import expired
 from bagpipe_operator.jobs.view import JobView, View
 from bagpipe_operator.runtime.queue import WorkQueue
@@ -42,7 +42,7 @@ class Sweeper:
 
     def _is_due(self, job: JobView) -> bool:
         if not job.finished:
-            return not rests(job)
+            return is_swept(job)
         now, pods = self.now(), self.view.pods(job.uid)
         waits = bool(job.status.get("pool")) and any(not (p.ended or p.deleting) for p in pods)
         return expired(job, now) or waits or any(lingers(pod, now) for pod in pods)

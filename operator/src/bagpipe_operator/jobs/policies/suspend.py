@@ -20,6 +20,11 @@ def rests(job: JobView) -> bool:
     return bool(job.spec.get("suspend")) and is_reported(job)
 
 
+def is_swept(job: JobView) -> bool:
+    """Whether time alone may bring the job forward, so that it is visited every few seconds."""
+    return not job.finished and not rests(job)
+
+
 def is_reported(job: JobView) -> bool:
     """Whether the status says of the job as it is now that it is suspended, without pods."""
     return job.suspended and job.status.get("observedGeneration") == job.generation
