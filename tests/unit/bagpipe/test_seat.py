@@ -6,12 +6,14 @@ from dataclasses import replace
 
 import pytest
 
+from bagpipe.driver import refused_lately
 from bagpipe.driver import seat as seats
+from bagpipe.driver.refused_lately import RefusedLately
 from bagpipe.driver.seat import Claimed, Offer, Seat
 from bagpipe.spec import JobFile
 from tests.unit.bagpipe.jobs import make_job
 from tests.unit.bagpipe.offers import offer_of
-from tests.waiting import PATIENCE
+from tests.waiting import PATIENCE, wait_until
 
 
 class World:
@@ -212,6 +214,56 @@ def test_offers_of_another_pod_without_a_pause_keep_no_job_from_its_driver(
         ended.set()
         for thread in threads:
             thread.join(PATIENCE)
+
+
+@pytest.mark.parametrize(("addresses", "look_up_seconds"), [(20, 0.03), (1, 0.4)])
+def test_neither_many_pods_nor_a_slow_api_server_let_forgeries_keep_a_job_from_its_driver(
+    addresses: int, look_up_seconds: float
+) -> None:
+    """With the patience that a driver has."""
+    world, ended = World(), threading.Event()
+    met: set[str] = set()
+
+    def look_up(job: str) -> Claimed | None:
+        time.sleep(look_up_seconds)
+        return world.look_up(job)
+
+    world.seat = Seat("d", "lab", 300.0, look_up, lambda: world.now)
+
+    def flood(sender: str) -> None:
+        forged = world.offer("x", claimed=False, sender=sender)
+        while not ended.is_set():
+            if world.seat.offer(forged) == "refused":
+                met.add(sender)
+
+    senders = [f"10.0.0.{number}" for number in range(addresses)]
+    threads = [threading.Thread(target=flood, args=(sender,)) for sender in senders]
+    for thread in threads:
+        thread.start()
+    try:
+        wait_until(lambda: len(met) == addresses, PATIENCE, "each was refused once")
+        offer = world.offer("a")
+        answers = [world.seat.offer(offer) for _ in range(5)]  # as an operator does in 10 s
+        assert answers == ["taken"] * 5
+    finally:
+        ended.set()
+        for thread in threads:
+            thread.join(PATIENCE)
+
+
+def test_who_was_refused_is_remembered_for_so_long_and_until_a_claim_shows_them_right(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(refused_lately, "MOST", 2)
+    now = 0.0
+    refused = RefusedLately(lambda: now)
+    for address in "abc":
+        refused.note(address, was_refused=True)
+    assert [address in refused for address in "abc"] == [False, True, True]
+    refused.note("c", was_refused=False)
+    assert "c" not in refused
+    now = refused_lately.SECONDS
+    assert "b" not in refused
 
 
 def test_only_what_claims_the_driver_is_read_and_what_can_t_be_read_is_refused_for_ever() -> None:

@@ -317,6 +317,16 @@ class Nobody(Seat):
         super().__init__(POD, "lanes", 60.0, lambda _name: None)
 
 
+@pytest.mark.parametrize("name", ["..", ".", ".two", "two-", "", "../pods"])
+def test_a_name_that_is_another_path_of_the_api_is_not_looked_up(name: str) -> None:
+    """An error would be no refusal, and its sender asked for again as one who was never refused."""
+    looked_up: list[str] = []
+    seat = Seat(POD, "lanes", 60.0, looked_up.append)
+    head = {"name": name, "namespace": "lanes", "uid": "u", "attempt": 1}
+    assert Offers(seat).offered(json.dumps(head).encode(), "10.0.0.1") == "refused"
+    assert looked_up == []
+
+
 @pytest.mark.parametrize(
     "body",
     [

@@ -22,7 +22,8 @@ _LINES_SECONDS = 60.0
 
 log = logging.getLogger(__name__)
 
-_NAME = Field(pattern=r"^[a-z0-9.-]{1,253}$")  # as the API server takes them, fit for a log
+# As the API server takes them: fit for a log, and no step to another path of the API.
+_NAME = Field(pattern=r"^[a-z0-9]([a-z0-9.-]{0,251}[a-z0-9])?$")
 
 
 class _Head(BaseModel):

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
+from bagpipe.driver.refused_lately import RefusedLately
 from bagpipe.driver.turns import Turns
 from bagpipe.spec import JobFile
 
@@ -77,7 +78,9 @@ class Seat:
         self._look_up = look_up
         self._monotonic = monotonic
         self._changed = threading.Condition()
+        self._refused = RefusedLately(monotonic)
         self._looking_up = Turns(_TURN_SECONDS)
+        self._looking_up_for_refused = Turns(_TURN_SECONDS)
         self._closing = False
         self._met: set[tuple[str, int]] = set()
         self._ended: set[tuple[str, int]] = set()
@@ -125,16 +128,21 @@ class Seat:
     def _looked_up(self, offer: Offer) -> bool | None:
         """Whether the job claims this driver; None where that is not known now.
 
-        One at a time, and without the lock: who sends many delays neither the work nor its end,
-        nor what comes from other addresses by more than a look-up for each sender.
+        One at a time, and without the lock: who sends many delays neither the work nor its end. Who
+        was refused lately waits in a line of their own, so that they delay nobody else, however
+        many addresses they have and however long a look-up takes.
         """
-        with self._looking_up.taken(offer.sender) as has_turn:
+        refused = offer.sender in self._refused
+        turns = self._looking_up_for_refused if refused else self._looking_up
+        with turns.taken(offer.sender) as has_turn:
             if not has_turn:
                 return None
             try:
-                return self._is_ours(offer)
+                ours = self._is_ours(offer)
             except OSError:
                 return None
+            self._refused.note(offer.sender, not ours)
+            return ours
 
     def _seated(self, offer: Offer, ours: bool, job: JobFile | None) -> Answer:
         if not ours:
