@@ -141,20 +141,31 @@ def test_cases_that_passed_and_do_not_now_end_with_1_unless_that_is_allowed(
     assert (status, f"a-1 is {outcome} now" in text) == (0, True)
 
 
-def test_worse_figures_end_with_1_unless_that_is_allowed(tmp_path: Path) -> None:
-    def rows(more: float) -> list[dict[str, Any]]:
-        found = [{"name": "latency", "outcome": "passed", "unit": "s", "direction": "lower"}]
-        return [
-            make_row(f"a-{n}", bag=f"b{n}", criteria=[found[0] | {"figure": 1 + more * (n + 1)}])
-            for n in range(6)
-        ]
+def with_figures(more: float, criterion: str = "latency") -> list[dict[str, Any]]:
+    """A case of each of six recordings, with latencies of `more` seconds above the one before."""
+    found = {"name": criterion, "outcome": "passed", "unit": "s", "direction": "lower"}
+    return [
+        make_row(f"a-{n}", bag=f"b{n}", criteria=[found | {"figure": 1 + more * (n + 1)}])
+        for n in range(6)
+    ]
 
-    before = publish(tmp_path, rows(0.0), uid="a")
-    after = publish(tmp_path, rows(0.1), uid="b")
+
+def test_worse_figures_end_with_1_unless_that_is_allowed(tmp_path: Path) -> None:
+    before = publish(tmp_path, with_figures(0.0), uid="a")
+    after = publish(tmp_path, with_figures(0.1), uid="b")
     status, text = run("compare", before, after)
     assert (status, "worse in latency: --allow-worse-criteria lets that pass" in text) == (1, True)
     assert run("compare", before, after, "--allow-worse-criteria")[0] == 0
     assert run("compare", after, before)[0] == 0
+
+
+def test_a_terminal_obeys_no_name_of_a_criterion_that_is_worse(tmp_path: Path) -> None:
+    hostile = "lane\x1b]52;c;cm0gLXJmIH4=\x07"
+    before = publish(tmp_path, with_figures(0.0, hostile), uid="a")
+    after = publish(tmp_path, with_figures(0.1, hostile), uid="b")
+    status, text = run("compare", before, after)
+    assert (status, "--allow-worse-criteria lets that pass" in text) == (1, True)
+    assert not {"\x1b", "\x07"} & set(text)
 
 
 def test_what_looks_like_a_pictogram_is_shown_as_it_is(tmp_path: Path) -> None:

@@ -35,6 +35,22 @@ def test_an_unexpected_error_is_a_sentence_and_no_verdict(
     assert (ended.exit_code, "Traceback" in ended.stderr) == (2, True)
 
 
+@pytest.mark.parametrize("shows_where", ["", "1"])
+def test_a_terminal_obeys_no_word_of_an_unexpected_error(shows_where: str) -> None:
+    @click.group(cls=UnhandledErrors)
+    def program() -> None:
+        pass
+
+    @program.command()
+    def fails() -> None:
+        raise RuntimeError("\x1b]52;c;cm0gLXJmIH4=\x07") from ValueError("a\x1b]52;c;eA==\x07\nb")
+
+    ended = CliRunner(env={"BAGPIPE_TRACEBACK": shows_where}).invoke(program, ["fails"])
+    assert ended.exit_code == 2
+    assert ("Traceback" in ended.stderr) == bool(shows_where)
+    assert not {"\x1b", "\x07"} & set(ended.stderr)
+
+
 @pytest.mark.parametrize(
     ("raised", "status", "sentence"),
     [

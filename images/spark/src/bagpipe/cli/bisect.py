@@ -166,7 +166,7 @@ def bisect_command(manifest: Path, **given: Any) -> None:
         step = _judged(manifest, asked.of_a_run(), asked.rounds, asked.timeout)
     except (RunInterruptedError, KeyboardInterrupt) as error:
         with _whoever_reads():
-            click.echo(f"interrupted: {error}" if str(error) else "interrupted", err=True)
+            click.echo(plain(f"interrupted: {error}" if str(error) else "interrupted"), err=True)
         raise SystemExit(_INTERRUPTED) from None
     # Whatever it is, it shows nothing of the commit; rich exits with 1 where nobody reads stderr.
     except (Exception, SystemExit) as error:  # noqa: BLE001

@@ -10,7 +10,7 @@ from rich.table import Table
 from bagpipe.cli.cluster.place import Place, place_options, results_places
 from bagpipe.cli.cluster.results_of import results_of
 from bagpipe.cli.places import RefusedError, folders, output_option, print_as, volume_option
-from bagpipe.cli.terminal import unstyled
+from bagpipe.cli.terminal import plain, unstyled
 from bagpipe.compare.compare import compare
 from bagpipe.compare.gate import CAUSES, Cause, objections
 from bagpipe.report.stored import StoredResults
@@ -78,7 +78,8 @@ def compare_command(
     causes = {cause for cause in CAUSES if allow[cause]}
     against = [each for one in found for each in objections(one, causes)]
     for each in against:
-        click.echo(f"{each.message}: {_ALLOW[each.cause][0]} lets that pass", err=True)
+        sentence = f"{each.message}: {_ALLOW[each.cause][0]} lets that pass"
+        click.echo(plain(sentence), err=True)
     if found and not against:
         return
     raise SystemExit(1 if any(each.cause != "Unknown" for each in against) else 2)

@@ -116,4 +116,4 @@ def _show(parts: list[LogPart], output: str) -> None:
         for line in part.lines:
             click.echo(plain(line))
         if not part.lines:
-            click.echo(f"   {part.missing or 'nothing was written'}")
+            click.echo(plain(f"   {part.missing or 'nothing was written'}"))

@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from bagpipe.cli.terminal import plain
 from bagpipe.native import NativeModuleError
 
 # A shell's status of a program that Ctrl-C ended.
@@ -30,12 +31,14 @@ class UnhandledErrors(click.Group):
         except Exception as error:  # whatever it is
             wanted = bool(os.environ.get(_TRACEBACK))
             if wanted:
-                traceback.print_exc()
+                for line in traceback.format_exc().splitlines():
+                    click.echo(plain(line), err=True)
             where = "" if wanted else f"; {_TRACEBACK}=1 shows where"
             text = f"{type(error).__name__}: {error}".removesuffix(": ")
-            fault = f"unexpected fault, please report it: {text}{where}"
-            plain = _is_of_what_is_installed(error) or isinstance(error, NativeModuleError)
-            click.echo(f"Error: {error if plain else fault}", err=True)
+            # Its words may be those of a file that somebody else has written.
+            fault = plain(f"unexpected fault, please report it: {text}{where}")
+            known = _is_of_what_is_installed(error) or isinstance(error, NativeModuleError)
+            click.echo(f"Error: {error if known else fault}", err=True)
             raise SystemExit(_NOT_RUN) from error
 
 
