@@ -230,6 +230,14 @@ def test_a_job_ends_by_itself(seconds: float, deadline: str | None) -> None:
     assert (kept["activeDeadline"], kept["ttlAfterFinished"]) == ("5m", "0s")
 
 
+def test_nobody_is_notified_of_a_look_and_no_look_runs_in_a_pod_of_another() -> None:
+    spark = {"executors": 2, "pool": "lane"}
+    job = {"metadata": {}, "spec": {"stack": {}, "notify": ["all"], "spark": spark}}
+    spec = job_of(job, "lane:1", 60)["spec"]
+    assert ("notify" in spec, spec["spark"]) == (False, {"executors": 2})
+    assert job["spec"]["spark"] == {"executors": 2, "pool": "lane"}
+
+
 def test_what_nohup_ignores_stays_ignored() -> None:
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:

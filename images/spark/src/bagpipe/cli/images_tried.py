@@ -21,8 +21,11 @@ from bagpipe.storage import StorageError
 
 Json = dict[str, Any]
 
-# What speaks of other jobs, or of cases that are not looked at, and what would keep a job waiting.
-_LEFT_OUT = ("baseline", "comparison", "quarantine", "maxFailedCases", "resumeFrom", "suspend")
+# What speaks of other jobs, or of cases that are not looked at, what would keep a job waiting, and
+# who would be notified of a job that they have not asked for.
+_LEFT_OUT = (
+    "baseline", "comparison", "quarantine", "maxFailedCases", "notify", "resumeFrom", "suspend",
+)  # fmt: skip
 _LONGEST_NAME = 40
 # Of six digits, as a spec's durations have at most.
 _LONGEST_DEADLINE = 999_999
@@ -182,6 +185,9 @@ def job_of(manifest: Mapping[str, Any], image: str, seconds: float) -> Json:
     job["metadata"]["name"] = f"{short}-{token}"
     for key in _LEFT_OUT:
         job["spec"].pop(key, None)
+    # In a pool's pods a round would meet what the stack of the one before left there.
+    if isinstance(job["spec"].get("spark"), dict):
+        job["spec"]["spark"].pop("pool", None)
     if seconds <= _LONGEST_DEADLINE:
         job["spec"].setdefault("activeDeadline", f"{max(1, round(seconds))}s")
     job["spec"].setdefault("ttlAfterFinished", "1h")
