@@ -16,6 +16,7 @@ from bagpipe_operator.cluster.fence import (
     NotLeadingError,
 )
 from tests.unit.operator.fakes import FakeApi
+from tests.waiting import PATIENCE
 
 
 @dataclass
@@ -139,3 +140,33 @@ async def test_progress_leaves_turns_to_what_is_urgent_and_gets_its_own() -> Non
     # Of the forty that were there before no more than those with a turn come first.
     last_urgent = max(n for n, each in enumerate(answered) if each["urgent"])
     assert last_urgent < len(urgent) + 2 * PROGRESS_AT_ONCE
+
+
+@pytest.mark.parametrize("urgent", [True, False])
+async def test_slow_writes_of_one_namespace_leave_turns_to_others(urgent: bool) -> None:
+    """As where a webhook hangs for all that is created in it."""
+    fence, hangs = Fence(), asyncio.Event()
+
+    class Slow(FakeApi):
+        async def create(self, resource: str, manifest: Json) -> Json:
+            await hangs.wait()
+            return manifest
+
+        async def patch_status(
+            self, namespace: str, name: str, patch: Json, urgent: bool = True
+        ) -> Json:
+            if namespace == "slow":
+                await hangs.wait()
+            return patch
+
+    fence.open_until(float("inf"))
+    fenced = FencedApi(Slow(), fence)
+    pod = {"metadata": {"namespace": "slow"}}
+    slow = [asyncio.create_task(fenced.create("pods", pod)) for _ in range(40)]
+    slow += [asyncio.create_task(fenced.patch_status("slow", "x", {}, urgent)) for _ in range(40)]
+    await asyncio.sleep(0)
+    others = [fenced.patch_status(f"lanes-{number}", "x", {}, urgent) for number in range(20)]
+    async with asyncio.timeout(PATIENCE):
+        assert await asyncio.gather(*others) == [{}] * 20
+    hangs.set()
+    await asyncio.gather(*slow)

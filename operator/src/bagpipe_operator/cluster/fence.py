@@ -7,14 +7,18 @@ from typing import TypeVar
 
 from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import Api, ApiError
+from bagpipe_operator.cluster.write_turns import WriteTurns
 
 Answer = TypeVar("Answer")
 
 # An API server with few processors makes fewer writes in a second when more are asked for at once;
 # its watches fall behind, and the Lease's renewal gets no answer. Workers beyond these ask drivers.
+# Of one namespace:
 WRITES_AT_ONCE = 8
 # Progress of jobs has no more of them: what is urgent finds a turn free of it, whatever counts.
 PROGRESS_AT_ONCE = 6
+# So many more of each kind are for other namespaces, however slow the writes of one are.
+FOR_OTHERS = 2
 
 
 class NotLeadingError(ApiError):
@@ -54,7 +58,8 @@ class Fence:
 
 
 class FencedApi:
-    """An Api whose writes need an open fence, WRITES_AT_ONCE at once. Reads harm nobody.
+    """An Api whose writes need an open fence, WRITES_AT_ONCE at once of one namespace, and of all
+    FOR_OTHERS more. Reads harm nobody.
 
     A write waits for its turn no longer than its reconcile may last.
     """
@@ -62,11 +67,12 @@ class FencedApi:
     def __init__(self, api: Api, fence: Fence) -> None:
         self._api = api
         self._fence = fence
-        self._turns = asyncio.Semaphore(WRITES_AT_ONCE)
-        self._progress = asyncio.Semaphore(PROGRESS_AT_ONCE)
+        self._turns = WriteTurns(WRITES_AT_ONCE, FOR_OTHERS)
+        self._progress = WriteTurns(PROGRESS_AT_ONCE, FOR_OTHERS)
 
     async def create(self, resource: str, manifest: Json) -> Json:
-        return await self._leading(lambda: self._api.create(resource, manifest))
+        namespace = manifest["metadata"]["namespace"]
+        return await self._leading(namespace, lambda: self._api.create(resource, manifest))
 
     async def try_create(self, resource: str, manifest: Json) -> None:
         await self._api.try_create(resource, manifest)  # it keeps nothing, so it harms nobody
@@ -78,7 +84,7 @@ class FencedApi:
         return await self._api.get(resource, namespace, name)
 
     async def delete_pod(self, namespace: str, name: str, uid: str) -> bool:
-        return await self._leading(lambda: self._api.delete_pod(namespace, name, uid))
+        return await self._leading(namespace, lambda: self._api.delete_pod(namespace, name, uid))
 
     async def get_job(self, namespace: str, name: str) -> Json:
         return await self._api.get_job(namespace, name)
@@ -90,18 +96,22 @@ class FencedApi:
         return await self._api.list_jobs(namespace, label, most)
 
     async def delete_unchanged_job(self, namespace: str, name: str, uid: str, version: str) -> None:
-        await self._leading(lambda: self._api.delete_unchanged_job(namespace, name, uid, version))
+        await self._leading(
+            namespace, lambda: self._api.delete_unchanged_job(namespace, name, uid, version)
+        )
 
     async def patch_status(
         self, namespace: str, name: str, patch: Json, urgent: bool = True
     ) -> Json:
         if urgent:
-            return await self._leading(lambda: self._api.patch_status(namespace, name, patch))
-        async with self._progress:
+            return await self._leading(
+                namespace, lambda: self._api.patch_status(namespace, name, patch)
+            )
+        async with self._progress.taken(namespace):
             return await self.patch_status(namespace, name, patch)
 
-    async def _leading(self, write: Callable[[], Awaitable[Answer]]) -> Answer:
-        async with self._turns:
+    async def _leading(self, namespace: str, write: Callable[[], Awaitable[Answer]]) -> Answer:
+        async with self._turns.taken(namespace):
             remaining = self._fence.remaining()
             if remaining <= 0:
                 raise NotLeadingError

@@ -20,15 +20,16 @@ class FencedScheduleApi(FencedApi):
         self._whole = api
 
     async def create_job(self, manifest: Json) -> Json:
-        return await self._leading(lambda: self._whole.create_job(manifest))
+        namespace = manifest["metadata"]["namespace"]
+        return await self._leading(namespace, lambda: self._whole.create_job(manifest))
 
     async def try_job(self, manifest: Json) -> None:
         await self._whole.try_job(manifest)
 
     async def delete_job(self, namespace: str, name: str, uid: str) -> None:
-        await self._leading(lambda: self._whole.delete_job(namespace, name, uid))
+        await self._leading(namespace, lambda: self._whole.delete_job(namespace, name, uid))
 
     async def patch_schedule_status(self, namespace: str, name: str, patch: Json) -> Json:
         return await self._leading(
-            lambda: self._whole.patch_schedule_status(namespace, name, patch)
+            namespace, lambda: self._whole.patch_schedule_status(namespace, name, patch)
         )

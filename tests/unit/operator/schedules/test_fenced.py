@@ -14,7 +14,7 @@ WRITES: dict[str, Callable[[FencedScheduleApi], Awaitable[object]]] = {
     "create": lambda api: api.create_job(JOB),
     "delete": lambda api: api.delete_job("lanes", name_of(1), f"uid-of-{name_of(1)}"),
     "patch": lambda api: api.patch_schedule_status("lanes", "nightly", PATCH),
-    "event": lambda api: api.create("events", {}),
+    "event": lambda api: api.create("events", {"metadata": {"namespace": "lanes"}}),
 }
 
 

@@ -65,18 +65,19 @@ class FencedKueueApi(FencedApi):
         self._queues = api
 
     async def create_workload(self, manifest: Json) -> Json:
-        return await self._leading(lambda: self._queues.create_workload(manifest))
+        namespace = manifest["metadata"]["namespace"]
+        return await self._leading(namespace, lambda: self._queues.create_workload(manifest))
 
     async def get_workload(self, namespace: str, name: str) -> Json:
         return await self._queues.get_workload(namespace, name)
 
     async def patch_workload_status(self, namespace: str, name: str, patch: Json) -> Json:
         return await self._leading(
-            lambda: self._queues.patch_workload_status(namespace, name, patch)
+            namespace, lambda: self._queues.patch_workload_status(namespace, name, patch)
         )
 
     async def delete_workload(self, namespace: str, name: str, uid: str) -> None:
-        await self._leading(lambda: self._queues.delete_workload(namespace, name, uid))
+        await self._leading(namespace, lambda: self._queues.delete_workload(namespace, name, uid))
 
     async def get_resource_flavor(self, name: str) -> Json:
         return await self._queues.get_resource_flavor(name)
