@@ -49,7 +49,11 @@ class _StateCollector(Collector):
         yield GaugeMetricFamily(
             "bagpipe_pool_drivers_waiting",
             "Drivers of pools that wait for another job, each with its executors.",
-            value=sum(driver.waits for driver in drivers_of_pools(self._view)),
+            value=sum(
+                driver.waits
+                for namespace in self._view.namespaces_of_pools()
+                for driver in drivers_of_pools(self._view, namespace)
+            ),
         )
         yield GaugeMetricFamily(
             "bagpipe_oldest_pending_job_seconds",

@@ -274,7 +274,7 @@ class View:
         self._guests: dict[str, set[str]] = {}
         # Of those the one that counts, with its claim's attempt, as far as it has been looked for.
         self._last_guests: dict[str, tuple[str, int] | None] = {}
-        self._pooled: set[str] = set()
+        self._pooled: dict[str, set[str]] = {}  # by namespace
 
     def job(self, uid: str) -> JobView | None:
         """The job, or None when it is gone or was never seen."""
@@ -339,10 +339,15 @@ class View:
             self._last_guests[job_uid] = (guest.uid, claim.attempt) if claim is not None else None
         return self._last_guests[job_uid]
 
-    def pooled(self) -> list[JobView]:
-        """The jobs whose status names a pool, but for those that have ended and have no pods."""
-        jobs = (self._jobs[uid] for uid in sorted(self._pooled))
+    def pooled(self, namespace: str) -> list[JobView]:
+        """The jobs of a namespace whose status names a pool, but for those that have ended and have
+        no pods."""
+        jobs = (self._jobs[uid] for uid in sorted(self._pooled.get(namespace, ())))
         return [job for job in jobs if not job.finished or self._has_pods(job)]
+
+    def namespaces_of_pools(self) -> list[str]:
+        """The namespaces that have such jobs."""
+        return sorted(self._pooled)
 
     def _has_pods(self, job: JobView) -> bool:
         """Whether there may be any, its own or another's: thousands have none."""
@@ -397,15 +402,20 @@ class View:
 
     def _enter_pool(self, job: JobView) -> None:
         if job.status.get("pool"):
-            self._pooled.add(job.uid)
+            self._pooled.setdefault(job.namespace, set()).add(job.uid)
         if (claim := taken(job.status)) is not None:
             self._guests.setdefault(claim.uid, set()).add(job.uid)
             self._last_guests.pop(claim.uid, None)
 
     def _leave_pool(self, uid: str) -> None:
         known = self._jobs.get(uid)
-        self._pooled.discard(uid)
-        claim = taken(known.status) if known is not None else None
+        if known is None:
+            return
+        pooled = self._pooled.get(known.namespace, set())
+        pooled.discard(uid)
+        if not pooled:
+            self._pooled.pop(known.namespace, None)
+        claim = taken(known.status)
         if claim is not None:
             guests = self._guests[claim.uid]
             guests.discard(uid)

@@ -125,7 +125,8 @@ class WarmStarts:
         except UnusableSpecError:
             return None  # the job ends, with its sentence, when its pods are to be made
         taken_soon = set(self._chosen.values())
-        drivers = [d for d in drivers_of_pools(self.view) if d.uid not in taken_soon]
+        waiting = drivers_of_pools(self.view, job.namespace)
+        drivers = [d for d in waiting if d.uid not in taken_soon]
         found = chosen(self._wish(entire, spec, pool), drivers, self.pooling, self.now())
         if isinstance(found, Cold):
             return _cold(pool, found)
@@ -174,7 +175,8 @@ class WarmStarts:
 
     def _is_anothers(self, job: JobView, claim: Claim) -> bool:
         """Whether another job, which claimed the driver as well, has got it."""
-        others = (each for each in self.view.pooled() if not each.finished and each.uid != job.uid)
+        pooled = self.view.pooled(job.namespace)
+        others = (each for each in pooled if not each.finished and each.uid != job.uid)
         held = (taken(each.status) for each in others)
         return any(one is not None and one.driver == claim.driver for one in held)
 
@@ -226,7 +228,7 @@ class WarmStarts:
         if pod is None:
             self._silent.forget(job.uid)
             return await self._has_unlisted_driver(job)
-        drivers = drivers_of_pools(self.view)
+        drivers = drivers_of_pools(self.view, job.namespace)
         found = next((driver for driver in drivers if driver.uid == pod.uid), None)
         if found is None:
             return False

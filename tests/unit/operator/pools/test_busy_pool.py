@@ -3,6 +3,7 @@
 A thousand is what one driver takes.
 """
 
+import asyncio
 from collections.abc import Callable
 
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from bagpipe_operator.api import names
 from bagpipe_operator.jobs.pools.standing import drivers_of_pools
 from bagpipe_operator.jobs.view import ContainerView, JobView, PodView, View
+from tests.unit.operator.pools.pool_world import World, pooled
 
 GUESTS, EXECUTORS = 1_000, 500
 MORNING, NOON = "2026-11-20T05:00:00Z", "2026-11-20T12:00:00Z"
@@ -55,8 +57,9 @@ def looks(monkeypatch: pytest.MonkeyPatch, act: Callable[[], object]) -> int:
         asked += 1
         return bool(plain(job))
 
-    monkeypatch.setattr(JobView, "finished", property(counting))
-    act()
+    with monkeypatch.context() as counts:
+        counts.setattr(JobView, "finished", property(counting))
+        act()
     return asked
 
 
@@ -66,16 +69,34 @@ def of_all(view: View) -> dict[str, int]:
     return {uid: pods for uid, pods in found.items() if pods}
 
 
-@pytest.mark.parametrize(
-    "ask", [drivers_of_pools, of_all, lambda view: view.pods("home"), lambda view: [
-        view.shown(pod) for pod in view.all_pods()
-    ]], ids=["drivers", "sweep", "pods", "shown"],
-)  # fmt: skip
+def drivers(view: View) -> object:
+    return drivers_of_pools(view, "ns")
+
+
+def shown(view: View) -> object:
+    return [view.shown(pod) for pod in view.all_pods()]
+
+
+@pytest.mark.parametrize("ask", [drivers, of_all, lambda view: view.pods("home"), shown])
 def test_each_guest_is_looked_at_a_few_times_and_not_for_each_other(
     monkeypatch: pytest.MonkeyPatch, ask: Callable[[View], object]
 ) -> None:
     view = busy_pool()
     assert looks(monkeypatch, lambda: ask(view)) <= 5 * GUESTS
+
+
+def test_jobs_of_another_namespace_s_pools_cost_a_waiting_driver_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Its job is visited every two seconds, and others may have thousands that wait."""
+    world = World(pooled("one"))
+    asyncio.run(world.run_the_first())
+    alone = looks(monkeypatch, lambda: asyncio.run(world.visit("one", after=2)))
+    for number in range(1_000):
+        status = {"pool": {"name": "lane", "state": "Cold"}, "driver": f"{number}-1-driver"}
+        world.view.put_job(JobView("others", str(number), f"u{number}", 1, "1", status=status))
+    assert looks(monkeypatch, lambda: asyncio.run(world.visit("one", after=2))) == alone
+    assert world.pods() == ["one-1-driver", "one-1-exec-1"]
 
 
 def test_the_pods_are_those_of_the_last_guest_whichever_comes_and_goes() -> None:

@@ -10,9 +10,12 @@ from bagpipe_operator.jobs.pools.warm import WarmDriver
 from bagpipe_operator.jobs.view import JobView, PodView, View
 
 
-def drivers_of_pools(view: View) -> list[WarmDriver]:
-    """All that have a job, were promised to one, or wait."""
-    pooled = view.pooled()
+def drivers_of_pools(view: View, namespace: str) -> list[WarmDriver]:
+    """All of a namespace that have a job, were promised to one, or wait.
+
+    Its jobs take no others, so that those of another namespace cost it nothing.
+    """
+    pooled = view.pooled(namespace)
     unfinished = (job for job in pooled if not job.finished)
     claims = (claim_of(job.status) for job in unfinished)
     promised = {claim.driver for claim in claims if claim is not None}
