@@ -1,5 +1,7 @@
 """What the operator remembers of the cluster, and when it refuses to step back."""
 
+from dataclasses import replace
+
 from bagpipe_operator.api.kept_spec import unpacked
 from bagpipe_operator.jobs.view import View
 from bagpipe_operator.runtime.patience import Patience
@@ -50,6 +52,18 @@ def test_a_late_word_of_a_namesake_does_not_replace_a_younger_pod() -> None:
     view.put_pod(from_object(second))
     view.put_pod(from_object(first))
     assert [(p.uid, p.phase) for p in view.pods("uid-of-x")] == [("younger", "Running")]
+
+
+def test_a_pod_whose_label_is_written_again_and_again_is_kept_once() -> None:
+    """It is anybody's to write, and each word of it would stay in the operator's memory."""
+    view, pod = View(), make_driver("x").view()
+    for number in range(100):
+        pod = replace(pod, job_uid=f"uid-{number}", resource_version=str(10 + number))
+        assert view.put_pod(pod)
+    assert [kept.job_uid for kept in view.all_pods()] == ["uid-99"]
+    assert (len(view._pods), len(view._made_for)) == (1, 1)
+    view.drop_pod(pod)
+    assert (view._pods, view._made_for) == ({}, {})
 
 
 def test_a_bare_pod_is_understood() -> None:

@@ -269,6 +269,8 @@ class View:
     def __init__(self) -> None:
         self._jobs: dict[str, JobView] = {}
         self._pods: dict[str, dict[tuple[str, str], PodView]] = {}
+        # The job that each pod was made for, as its label was when it was last seen.
+        self._made_for: dict[tuple[str, str], str] = {}
         self._gone: dict[str, deque[PodView]] = {}
         # The jobs that run, or have run, in the pods that were made for another job, by its UID.
         self._guests: dict[str, set[str]] = {}
@@ -436,7 +438,8 @@ class View:
     def forget(self, job_uid: str) -> None:
         """Forgets a job that is gone, and its pods; those that still exist are reported again."""
         self.drop_job(job_uid)
-        self._pods.pop(job_uid, None)
+        for key in self._pods.pop(job_uid, {}):
+            del self._made_for[key]
 
     def gone_pods(self, job_uid: str) -> tuple[PodView, ...]:
         """The last pods of an unfinished job that were seen to go, as they were at the end."""
@@ -448,36 +451,37 @@ class View:
         The answer to our own POST or GET may be ahead of the watch, which then still delivers the
         end of a namesake: taken for this pod's, it would end a healthy driver.
         """
-        pods = self._pods.setdefault(pod.job_uid, {})
         key = (pod.namespace, pod.name)
-        known = pods.get(key)
+        known = self._known(key)
         if known is not None and is_older(pod.resource_version, known.resource_version):
             return False
-        pods[key] = pod
+        if known is not None and known.job_uid != pod.job_uid:
+            self._take_out(known)  # labels can be written again, without end
+        self._pods.setdefault(pod.job_uid, {})[key] = pod
+        self._made_for[key] = pod.job_uid
         return known is None or replace(known, resource_version=pod.resource_version) != pod
 
     def drop_pod(self, pod: PodView) -> None:
         """Takes a pod away, unless another of the same name has taken its place."""
-        made_for, pods = self._group_of(pod)
-        known = pods.get((pod.namespace, pod.name))
-        if known and known.uid == pod.uid:
-            del pods[pod.namespace, pod.name]
-            shown = self.shown(known)
-            job = self._jobs.get(shown.job_uid)
-            if job is not None and not job.finished and _is_of(job, shown):
-                gone = self._gone.setdefault(job.uid, deque(maxlen=MOST_GONE_PODS))
-                gone.append(replace(pod, job_uid=job.uid, job=job.name, attempt=shown.attempt))
-        if not pods:
-            self._pods.pop(made_for, None)
+        known = self._known((pod.namespace, pod.name))
+        if known is None or known.uid != pod.uid:
+            return
+        self._take_out(known)
+        shown = self.shown(known)
+        job = self._jobs.get(shown.job_uid)
+        if job is not None and not job.finished and _is_of(job, shown):
+            gone = self._gone.setdefault(job.uid, deque(maxlen=MOST_GONE_PODS))
+            gone.append(replace(pod, job_uid=job.uid, job=job.name, attempt=shown.attempt))
 
-    def _group_of(self, pod: PodView) -> tuple[str, dict[tuple[str, str], PodView]]:
-        """Where a pod is kept: by the job that it was made for, whichever it runs."""
-        job = self._jobs.get(pod.job_uid)
-        claim = taken(job.status) if job is not None else None
-        own = self._pods.get(pod.job_uid, {})
-        if claim is None or (pod.namespace, pod.name) in own:
-            return pod.job_uid, own
-        return claim.uid, self._pods.get(claim.uid, {})
+    def _known(self, key: tuple[str, str]) -> PodView | None:
+        """The pod of that namespace and name, which is kept by the job that it was made for."""
+        return self._pods.get(self._made_for.get(key, ""), {}).get(key)
+
+    def _take_out(self, pod: PodView) -> None:
+        key = (pod.namespace, pod.name)
+        del self._made_for[key], self._pods[pod.job_uid][key]
+        if not self._pods[pod.job_uid]:
+            del self._pods[pod.job_uid]
 
 
 def _order_of_guests(job: JobView) -> tuple[bool, str, str]:

@@ -158,6 +158,8 @@ class Schedules:
     def __init__(self) -> None:
         self._schedules: dict[str, ScheduleView] = {}
         self._jobs: dict[str, dict[tuple[str, str], ScheduledJob]] = {}
+        # The owner that each job called its own when it was last seen.
+        self._owners: dict[tuple[str, str], str] = {}
         # A job that passed may be gone before its schedule is looked at, as by ttlAfterFinished.
         self._passed: dict[str, dict[str, PassedRun]] = {}
 
@@ -198,7 +200,7 @@ class Schedules:
     def forget(self, uid: str) -> None:
         """Forgets a schedule that is gone, and its jobs, which go with it."""
         self.drop_schedule(uid)
-        self._jobs.pop(uid, None)
+        self._take_all_out(uid)
         self._passed.pop(uid, None)
 
     def last_passed(self, uid: str) -> PassedRun | None:
@@ -217,12 +219,14 @@ class Schedules:
         A list or the answer to our own POST may be ahead of the watch, which then still delivers
         what was before.
         """
-        jobs = self._jobs.setdefault(job.schedule_uid, {})
-        known = jobs.get(_key(job))
+        known = self._known(_key(job))
         if known is not None and is_older(job.resource_version, known.resource_version):
             return False
         changed = known != job
-        jobs[_key(job)] = job
+        if known is not None and known.schedule_uid != job.schedule_uid:
+            self._take_out(known)  # owners can be written again, without end
+        self._jobs.setdefault(job.schedule_uid, {})[_key(job)] = job
+        self._owners[_key(job)] = job.schedule_uid
         if job.passed_run is not None:
             passed = self._passed.setdefault(job.schedule_uid, {})
             before = passed.get(job.namespace, job.passed_run)
@@ -236,18 +240,31 @@ class Schedules:
         """
         listed = [job for job in jobs if job.schedule_uid == uid]
         known = self._jobs.get(uid, {})
-        self._jobs[uid] = {_key(job): known.get(_key(job), job) for job in listed}
-        for job in listed:
+        newest = {_key(job): known.get(_key(job), job) for job in listed}
+        self._take_all_out(uid)
+        for job in (*newest.values(), *listed):
             self.put_job(job)
 
     def drop_job(self, job: ScheduledJob) -> None:
         """Forgets a job, unless another of the same name has taken its place."""
-        jobs = self._jobs.get(job.schedule_uid, {})
-        known = jobs.get(_key(job))
-        if known and known.uid == job.uid:
-            del jobs[_key(job)]
-        if not jobs:
-            self._jobs.pop(job.schedule_uid, None)
+        known = self._known(_key(job))
+        if known is not None and known.uid == job.uid:
+            self._take_out(known)
+
+    def _known(self, key: tuple[str, str]) -> ScheduledJob | None:
+        return self._jobs.get(self._owners.get(key, ""), {}).get(key)
+
+    def _take_out(self, job: ScheduledJob) -> None:
+        uid = job.schedule_uid
+        del self._owners[_key(job)], self._jobs[uid][_key(job)]
+        if not self._jobs[uid]:
+            del self._jobs[uid]
+            if uid not in self._schedules:
+                self._passed.pop(uid, None)
+
+    def _take_all_out(self, uid: str) -> None:
+        for key in self._jobs.pop(uid, {}):
+            del self._owners[key]
 
 
 def _key(job: ScheduledJob) -> tuple[str, str]:

@@ -35,6 +35,7 @@ class ScheduleWatch:
         """A job with a schedule's label was listed, added, changed or deleted."""
         job = ScheduledJob.from_object(event["object"])
         if not job.schedule_uid:
+            self.view.drop_job(job)  # it may have had an owner before
             return  # a label alone makes no schedule's job
         if event["type"] == "DELETED":
             self.view.drop_job(job)

@@ -10,7 +10,7 @@ from bagpipe_operator.api.objects import Json
 from bagpipe_operator.schedules.decide import Decision, Verdict
 from bagpipe_operator.schedules.metrics import MOST_SHOWN, ScheduleMetrics
 from bagpipe_operator.schedules.status import Outcome, status_of
-from bagpipe_operator.schedules.view import ScheduledJob, Schedules, ScheduleView
+from bagpipe_operator.schedules.view import ScheduledJob, Schedules, ScheduleView, job_name
 from tests.unit.operator.schedules.world import (
     CREATED,
     UID,
@@ -125,7 +125,9 @@ def test_of_many_schedules_the_first_hundred_are_shown_and_all_are_counted() -> 
         schedule = make_schedule()
         schedule["metadata"] |= {"name": f"s{number:03}", "uid": f"u{number}"}
         schedules.append(schedule)
-        jobs.append(ended(1, verdict="Failed", uid=f"u{number}"))
+        job = ended(1, verdict="Failed", uid=f"u{number}")
+        job["metadata"]["name"] = job_name(schedule["metadata"]["name"], minute(1))
+        jobs.append(job)
     shown = Shown(schedules, jobs)
     assert shown.series() == MOST_SHOWN * 9 == 900
     assert shown.last()["Failed"] == 250

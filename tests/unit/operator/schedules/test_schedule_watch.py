@@ -48,6 +48,24 @@ async def test_a_job_s_progress_asks_for_nothing_and_its_end_does(watcher: Sched
     assert len(watcher.queue) == 1
 
 
+def test_a_job_whose_owner_is_written_again_and_again_is_kept_once(
+    watcher: ScheduleWatch,
+) -> None:
+    """Owners are anybody's to write, and each would stay in the operator's memory."""
+    job = make_job(name_of(1), "Complete")
+    job["status"]["results"] = "s3://results/a"
+    job["status"]["conditions"].append({"type": "Passed", "status": "True"})
+    for number in range(100):
+        job["metadata"]["resourceVersion"] = str(1000 + number)
+        job["metadata"]["ownerReferences"][0]["uid"] = f"uid-{number}"
+        watcher.job_event({"type": "MODIFIED", "object": job})
+    view = watcher.view
+    assert [len(kept) for kept in (view._jobs, view._owners, view._passed)] == [1, 1, 1]
+    job["metadata"]["ownerReferences"] = []
+    watcher.job_event({"type": "MODIFIED", "object": job})
+    assert (view._jobs, view._owners, view._passed) == ({}, {}, {})
+
+
 def test_what_was_before_does_not_come_back(watcher: ScheduleWatch) -> None:
     """The API server's own list was ahead of the watch."""
     ended, begun = make_job(name_of(1), "Complete"), make_job(name_of(1))
