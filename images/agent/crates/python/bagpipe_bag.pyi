@@ -256,7 +256,7 @@ _Publisher = tuple[int, str, str, str, str, int, str, int, int]
 # offset, end, start and end time in ns, messages for each connection, where its index begins and
 # how it is compressed (None: its own record says that)
 _Span = tuple[int, int, int, int, dict[int, int], int | None, str | None]
-# (offset, length) of what precedes chunks, and whether statistics count the messages of each channel
+# (offset, length) of what precedes chunks, and whether the messages of each channel are counted
 _Index = tuple[list[tuple[int, int]], list[_Publisher], list[_Span], bool]
 
 # Each raises TailError; `base` and `offset` are where the bytes lie in the file.
