@@ -60,11 +60,12 @@ def files(tmp_path: Path) -> Path:
 
 
 def cargo_example(name: str) -> Path:
-    """An example of the Rust SDK, built where all of the project's crates are built for tests."""
+    """An example of the Rust SDK, as the build of all the agent's tests has made it: for a crate
+    alone cargo would build what it needs again, with fewer features."""
     cache = Path(os.environ.get("BAGPIPE_CACHE", Path.home() / ".cache/bagpipe"))
     target = Path(os.environ.get("CARGO_TARGET_DIR", cache / "cargo-debug"))
     subprocess.run(
-        ["cargo", "build", "--locked", "--quiet", "-p", "bagpipe-binpipe", "--example", name],
+        ["cargo", "build", "--locked", "--quiet", "--workspace", "--example", name],
         cwd=ROOT / "images/agent",
         env={**os.environ, "CARGO_TARGET_DIR": str(target)},
         check=True,
