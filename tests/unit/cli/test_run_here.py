@@ -198,7 +198,10 @@ def test_notes_say_what_is_otherwise_here() -> None:
 
 def test_topics_of_a_command_are_no_files_of_this_machine() -> None:
     spec = make_spec(
-        stack=stack(command=["run", "/camera", "/seen", "/a:=/b", "--sub", "/in:T", "/no/such"]),
+        stack=stack(
+            command=["run", "/camera", "/seen", "/old", "/a:=/b", "--sub", "/in:T", "/no/such"],
+            remap={"/old": "/new"},
+        ),
         source={"bags": ["pvc://rec/a.bag"], "topics": ["/camera"]},
         record={"topics": ["/seen"]},
     )

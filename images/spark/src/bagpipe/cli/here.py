@@ -190,7 +190,8 @@ def _files_named(spec: SimulationJobSpec) -> list[str]:
     words = {word for stack in _stacks(spec) for word in stack.command[1:]}
     answers = {topic for step in spec.playback.steps for topic in (step.trigger, step.answer)}
     recorded = spec.record.topics if spec.record else ()
-    topics = {*(spec.source.topics or ()), *recorded, *answers}
+    names = {name for pair in spec.stack.remap.items() for name in pair}
+    topics = {*(spec.source.topics or ()), *recorded, *answers, *names}
     return sorted(
         word for word in words - topics if word.startswith("/") and not set(":=") & set(word)
     )

@@ -22,10 +22,10 @@ _GLANCE_SECONDS = 0.2
 # A driver that was asked to end first cancels its cases, then a Spark, which takes seconds.
 _END_SECONDS = 40.0
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-_ENDED_OF_ITSELF = (0, 1)
 _LINE_BYTES = 1 << 20
-# The phases of a driver's account after which there is no other.
-ENDED = ("Complete", "Failed")
+# The phases of a driver's account after which there is no other, and the status with which it ends
+# then. One that ends by an error has status 1 as well, with whatever account it gave last.
+ENDED = {"Complete": 0, "Failed": 1}
 
 ProgressReport = dict[str, Any]
 
@@ -117,7 +117,7 @@ def run_here(
         raise RunInterruptedError(f"interrupted{done}; --resume goes on with the other cases")
     if ending.late and unended:
         raise RunTooLongError(f"not ended within {seconds:g} s{_done(progress)}")
-    if progress is None or process.returncode not in _ENDED_OF_ITSELF:
+    if progress is None or process.returncode != ENDED.get(progress["phase"]):
         raise RunError(_died(process.returncode, logs / "driver.log"))
     return progress
 
