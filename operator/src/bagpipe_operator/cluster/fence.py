@@ -19,6 +19,8 @@ WRITES_AT_ONCE = 8
 PROGRESS_AT_ONCE = 6
 # So many more of each kind are for other namespaces, however slow the writes of one are.
 FOR_OTHERS = 2
+# So many more of each kind are for namespaces that make none, however slow the others' are.
+BESIDE_SLOW = 16
 
 
 class NotLeadingError(ApiError):
@@ -59,7 +61,7 @@ class Fence:
 
 class FencedApi:
     """An Api whose writes need an open fence, WRITES_AT_ONCE at once of one namespace, and of all
-    FOR_OTHERS more. Reads harm nobody.
+    FOR_OTHERS more, and BESIDE_SLOW beside those that take long. Reads harm nobody.
 
     A write waits for its turn no longer than its reconcile may last.
     """
@@ -67,8 +69,8 @@ class FencedApi:
     def __init__(self, api: Api, fence: Fence) -> None:
         self._api = api
         self._fence = fence
-        self._turns = WriteTurns(WRITES_AT_ONCE, FOR_OTHERS)
-        self._progress = WriteTurns(PROGRESS_AT_ONCE, FOR_OTHERS)
+        self._turns = WriteTurns(WRITES_AT_ONCE, FOR_OTHERS, BESIDE_SLOW)
+        self._progress = WriteTurns(PROGRESS_AT_ONCE, FOR_OTHERS, BESIDE_SLOW)
 
     async def create(self, resource: str, manifest: Json) -> Json:
         namespace = manifest["metadata"]["namespace"]
