@@ -7,7 +7,7 @@ import pytest
 
 from bagpipe.binpiped.planning import fragments
 from bagpipe.pieces import SequencePart
-from bagpipe.plan.bag_tail import BagError, BagTail, Chunk
+from bagpipe.plan.bag_tail import BagError, BagTail, Chunk, message_times, read_tail
 from bagpipe.plan.left_out import check_left_out
 from bagpipe.plan.parts import PartError, PartPlanner
 from bagpipe.source.bags.stream import fragment_file
@@ -53,6 +53,25 @@ def test_a_chunk_that_is_left_out_for_its_channel_is_looked_at(tmp_path: Path) -
     made = planned(written(tmp_path / "a.mcap", crooked=True), source(topics=["/a"]))
     assert made.cases == []
     assert NO_INDEX in made.unplanned[0].message
+
+
+@pytest.mark.parametrize("topics", [["/a"], ["/b"], ["/a", "/b"], []])
+def test_indexes_without_a_message_are_no_reason_to_refuse(
+    topics: list[str], tmp_path: Path
+) -> None:
+    """Some writers leave one in each chunk for each channel that there is."""
+    file = tmp_path / "a.mcap"
+    more = [channel(number, f"/{number}", "cdr") for number in range(3, 9)]
+    none: dict[int, list[int]] = {number: [] for number in range(3, 9)}
+    file.write_bytes(mcap([{1: FIRST, 2: FIRST}, {1: [], 2: LAST, **none}], [*CHANNELS, *more]))
+    made = planned(file, source(topics=topics))
+    assert made.unplanned == []
+    last = 5 if topics == ["/a"] else 10
+    assert max(case.window.end for case in made.cases) == last * SECOND + 1
+    data = file.read_bytes()
+    chunk = read_tail(lambda at, length: data[at : at + length], len(data)).chunks[1]
+    times = message_times(lambda at, length: data[at : at + length], chunk)
+    assert times == {2: LAST}
 
 
 def test_a_chunk_that_is_read_is_compared(tmp_path: Path) -> None:

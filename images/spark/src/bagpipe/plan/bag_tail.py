@@ -143,17 +143,20 @@ def compression_of(read: Read, chunk: Chunk) -> str:
 
 
 def message_times(read: Read, chunk: Chunk) -> dict[int, list[int]]:
-    """Times in ns of a chunk's messages for each connection, from the index records behind it.
+    """Times in ns of a chunk's messages for each connection that has some, from the index records
+    behind it.
 
     Raises BagError where these are not what the chunk's counts say.
     """
     counts = {connection: count for connection, count in chunk.counts.items() if count}
-    most = _INDEX_ENTRY_BYTES * sum(counts.values()) + _INDEX_HEADER_BYTES * len(counts)
+    # Writers of MCAP may leave an index without an entry for a channel without a message.
+    most = _INDEX_ENTRY_BYTES * sum(counts.values()) + _INDEX_HEADER_BYTES * len(chunk.counts)
     times: dict[int, list[int]] = {}
     begin = chunk.index or _index_of(read, chunk)
     if 0 < chunk.end - begin <= most:
         parser = "index_times" if chunk.index is None else "mcap_index_times"
-        times = _parsed(parser, read(begin, chunk.end - begin), begin)
+        found = _parsed(parser, read(begin, chunk.end - begin), begin)
+        times = {connection: each for connection, each in found.items() if each}
     inside = all(
         chunk.start_time <= time <= chunk.end_time for found in times.values() for time in found
     )
