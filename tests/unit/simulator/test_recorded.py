@@ -1,5 +1,6 @@
 """Recorded topics beside a simulator: what is due when, and what a job may ask for."""
 
+import itertools
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -98,8 +99,9 @@ def test_the_world_sends_recorded_messages_first_and_names_their_topics(
 
 def connection(definition: str, md5sum: str = "") -> SimpleNamespace:
     return SimpleNamespace(
-        topic="/speed", type="p/msg/Speed", md5sum=md5sum, definition=definition, latching=False
-    )
+        topic="/speed", type="p/msg/Speed", md5sum=md5sum, definition=definition, latching=False,
+        schema_encoding="ros2idl" if "struct" in definition else "ros2msg",
+    )  # fmt: skip
 
 
 def test_one_name_of_two_definitions_is_two_types_in_ros_2() -> None:
@@ -114,6 +116,17 @@ def test_one_name_of_two_definitions_is_two_types_in_ros_2() -> None:
     assert len(_publications([connection("int8 a\n", "1"), connection("bool b\n", "1")])) == 1
     with pytest.raises(SessionError, match="as p/msg/Speed with MD5 sum 1 and as p/msg/Speed with"):
         _publications([connection("int8 a\n", "1"), connection("int8 a\n", "2")])
+
+
+@pytest.mark.parametrize("between", ["", " \n", "module p {\n  struct Speed { long feet; };\n};\n"])
+def test_a_definition_that_is_missing_hides_no_other_type(between: str) -> None:
+    parts = [connection(each) for each in ("int32 feet\n", between, "float64 metres\n")]
+    for order in itertools.permutations(parts):
+        with pytest.raises(SessionError, match="/speed was recorded as"):
+            _publications(list(order))
+    for alike in itertools.permutations(parts[:2]):
+        assert [each.definition for each in _publications(list(alike))] == ["int32 feet\n"]
+    assert [each.definition for each in _publications([parts[1]])] == [between]
 
 
 def test_values_of_the_matrix_choose_the_recording(tmp_path: Path) -> None:

@@ -38,31 +38,43 @@ class RecordedTopics:
 
 
 def _publications(connections: list[Any]) -> list[Publication]:
-    found: dict[str, Publication] = {}
+    by_topic: dict[str, list[Any]] = {}
     for each in connections:
-        topic = resolve(each.topic)
-        before = found.get(topic)
-        if before is not None and (different := _different(before, each)) is not None:
+        by_topic.setdefault(resolve(each.topic), []).append(each)
+    return [_publication(topic, alike) for topic, alike in by_topic.items()]
+
+
+def _publication(topic: str, connections: list[Any]) -> Publication:
+    """As the first connection has it whose definition can be compared with the others'."""
+    known = min(connections, key=_rank)
+    for each in connections:
+        if (different := _different(known, each)) is not None:
             raise SessionError(
                 "BagUnreadable",
                 f"{topic} was recorded as {different[0]} and as {different[1]}: leave it out of"
                 " source.simulator.recorded",
             )
-        latching = each.latching or (before is not None and before.latching)
-        found[topic] = Publication(topic, each.type, each.md5sum, each.definition, latching)
-    return list(found.values())
+    latching = any(each.latching for each in connections)
+    return Publication(topic, known.type, known.md5sum, known.definition, latching)
 
 
-def _different(before: Publication, connection: Any) -> tuple[str, str] | None:
+def _rank(connection: Any) -> int:
+    """A definition that is missing, or of IDL, differs from none."""
+    if not connection.definition.strip():
+        return 2
+    return int(connection.schema_encoding == "ros2idl")
+
+
+def _different(one: Any, other: Any) -> tuple[str, str] | None:
     """How either type of a topic is called, where they are not one. ROS 2 has no MD5 sums, and its
     types' names say nothing of their versions: their definitions are compared.
     """
-    if before.type != connection.type:
-        return before.type, str(connection.type)
+    if one.type != other.type:
+        return one.type, str(other.type)
     what: tuple[str, str] | None = None
-    if before.md5sum != connection.md5sum:
-        what = f"MD5 sum {before.md5sum}", f"MD5 sum {connection.md5sum}"
-    elif not before.md5sum:
+    if one.md5sum != other.md5sum:
+        what = f"MD5 sum {one.md5sum}", f"MD5 sum {other.md5sum}"
+    elif not one.md5sum:
         compare = native("different_field", "comparing types of ROS 2")
-        what = compare(before.type, before.definition, connection.definition)
-    return what and (f"{before.type} with {what[0]}", f"{before.type} with {what[1]}")
+        what = compare(one.type, one.definition, other.definition)
+    return what and (f"{one.type} with {what[0]}", f"{one.type} with {what[1]}")
