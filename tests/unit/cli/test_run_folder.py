@@ -1,17 +1,21 @@
 """The folder of `bagpipe run`: whose it is, what is kept in it, and one run at a time."""
 
+import contextlib
+import errno
 import fcntl
 import os
 import subprocess
 import sys
+import tempfile
 import textwrap
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from bagpipe.cli import run_folder as folders
-from bagpipe.cli.run_folder import beginning, run_folder
+from bagpipe.cli.run_folder import beginning, run_folder, without_run
 from bagpipe.cli.running import RunError
 from bagpipe.driver.same_recordings import of_the_same_recordings
 from bagpipe.plan.made import Plan
@@ -145,6 +149,80 @@ def test_a_lock_that_was_removed_while_it_was_taken_is_none(
     monkeypatch.setattr("fcntl.flock", late)
     with pytest.raises(RunError, match="or it is being deleted"):
         prepare(tmp_path)
+
+
+NOBODY = 65534
+COLLEAGUE = textwrap.dedent(f"""
+    import os, sys
+    from pathlib import Path
+    from bagpipe.cli.run_folder import RunError, without_run
+    if not os.geteuid():
+        os.setgid({NOBODY})
+        os.setuid({NOBODY})
+    try:
+        with without_run(Path(sys.argv[1])):
+            print("taken")
+    except RunError as error:
+        print(error)
+""")
+
+
+@pytest.fixture
+def shared() -> Iterator[Path]:
+    """A folder that all may write, as pytest's own are not."""
+    with tempfile.TemporaryDirectory() as name:
+        Path(name).chmod(0o777)
+        yield Path(name)
+
+
+@pytest.mark.parametrize(
+    ("mode", "ended", "answer"),
+    [
+        (0o444, False, "taken"),
+        (0o444, True, "taken"),
+        (0o000, True, "taken"),
+        (0o000, False, "can't be locked: Permission denied; whether a run is writing there"),
+    ],
+)
+def test_a_colleague_deletes_results_in_a_folder_that_both_may_write(
+    shared: Path, mode: int, ended: bool, answer: str
+) -> None:
+    for name in ("run.json", "driver.log", *(["manifest.json"] if ended else [])):
+        (shared / name).write_text("{}")
+        (shared / name).chmod(mode)
+    command = [sys.executable, "-c", COLLEAGUE, str(shared)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert answer in done.stdout
+    if mode:
+        with locked(shared):
+            done = subprocess.run(command, capture_output=True, text=True, check=True)
+        assert "another run is writing into" in done.stdout
+
+
+@contextlib.contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    with (folder / "run.json").open("rb") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield
+
+
+def test_where_a_file_system_has_no_locks_results_of_a_run_that_ended_are_deleted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def flock(_file: object, _how: int) -> None:
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    for name in ("run.json", "driver.log"):
+        (tmp_path / name).touch()
+    monkeypatch.setattr("fcntl.flock", flock)
+    with (
+        pytest.raises(RunError, match="can't be locked: No locks available"),
+        without_run(tmp_path),
+    ):
+        pass
+    (tmp_path / "manifest.json").touch()
+    with without_run(tmp_path):
+        pass
 
 
 def interrupted(folder: Path, how: dict[str, Any]) -> None:

@@ -6,6 +6,7 @@ log of its driver, which locks it for itself: it may commit after the run was ki
 """
 
 import contextlib
+import errno
 import fcntl
 import json
 import os
@@ -27,6 +28,10 @@ _DRIVER_LOG = "driver.log"
 # What was killed with a run ends within that; a driver that storage keeps waiting takes minutes.
 _DRIVER_SECONDS = 10.0
 _LOOK_SECONDS = 0.05
+# How a lock is refused by rights, and by file systems that have none.
+_NO_LOCK = frozenset({
+    errno.EACCES, errno.EPERM, errno.EBADF, errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS,
+})  # fmt: skip
 _OTHERWISE = ", or choose another --results"
 # What decides no case and no verdict of a run on this machine.
 _INDIFFERENT = frozenset({
@@ -83,33 +88,63 @@ def run_folder(
 def without_run(folder: Path) -> Iterator[None]:
     """The folder while no run is in it and none begins, but where none has ever been.
 
-    Raises RunError where a run, or its driver, writes there.
+    Raises RunError where a run, or its driver, writes there, and where that can't be known.
     """
     with contextlib.ExitStack() as stack:
-        try:
-            if (folder / BEGUN).exists():
-                stack.enter_context(_opened(folder, ""))
+        with _or_ended(folder), contextlib.suppress(FileNotFoundError):
+            begun = os.fdopen(_there(folder / BEGUN, os.O_NOFOLLOW), "rb")
+            stack.enter_context(_locked(begun, folder, ""))
+        with _or_ended(folder):
             _wait_for_driver(folder / _DRIVER_LOG, "")
-        except OSError as error:
-            raise RunError(f"{folder} can't be locked: {error.strerror}") from error
         yield
+
+
+@contextlib.contextmanager
+def _or_ended(folder: Path) -> Iterator[None]:
+    """Goes on where a lock can't be had, if the run has ended: removing needs rights of the folder
+    alone. Raises RunError.
+    """
+    try:
+        yield
+    except OSError as error:
+        if error.errno in _NO_LOCK and os.access(folder / MANIFEST, os.F_OK):
+            return
+        raise RunError(
+            f"{folder} can't be locked: {error.strerror}; whether a run is writing there is not"
+            " known: have its owner remove it"
+        ) from error
 
 
 def _opened(folder: Path, otherwise: str) -> BinaryIO:
     """What a run began with, locked until it is closed. Raises RunError, and OSError."""
     flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC
     file = os.fdopen(os.open(folder / BEGUN, flags, 0o644), "r+b")
+    return _locked(file, folder, otherwise)
+
+
+def _locked(begun: BinaryIO, folder: Path, otherwise: str) -> BinaryIO:
+    with contextlib.ExitStack() as unless_locked:
+        unless_locked.callback(begun.close)
+        try:
+            fcntl.flock(begun, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            # Who deleted the folder meanwhile had the lock, and removed the file with it.
+            if not os.path.samestat(os.fstat(begun.fileno()), (folder / BEGUN).stat()):
+                raise FileNotFoundError
+        except (BlockingIOError, FileNotFoundError) as error:
+            raise RunError(
+                f"another run is writing into {folder}, or it is being deleted: wait{otherwise}"
+            ) from error
+        unless_locked.pop_all()
+    return begun
+
+
+def _there(file: Path, flags: int = 0) -> int:
+    """A file that may be another user's, for a lock: NFS gives none of what is read alone."""
+    flags |= os.O_NONBLOCK | os.O_CLOEXEC
     try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        # Who deleted the folder meanwhile had the lock, and removed the file with it.
-        if not os.path.samestat(os.fstat(file.fileno()), (folder / BEGUN).stat()):
-            raise FileNotFoundError
-    except (BlockingIOError, FileNotFoundError) as error:
-        file.close()
-        raise RunError(
-            f"another run is writing into {folder}, or it is being deleted: wait{otherwise}"
-        ) from error
-    return file
+        return os.open(file, flags | os.O_RDWR)
+    except PermissionError:
+        return os.open(file, flags | os.O_RDONLY)
 
 
 def _wait_for_driver(log: Path, otherwise: str) -> None:
@@ -126,7 +161,7 @@ def _wait_for_driver(log: Path, otherwise: str) -> None:
 
 def _is_locked(file: Path) -> bool:
     try:
-        descriptor = os.open(file, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        descriptor = _there(file)
     except FileNotFoundError:
         return False
     try:
