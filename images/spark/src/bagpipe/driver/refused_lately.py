@@ -14,18 +14,23 @@ class RefusedLately:
     def __init__(self, monotonic: Callable[[], float]) -> None:
         self._monotonic = monotonic
         self._lock = threading.Lock()
-        self._since: dict[str, float] = {}  # the latest comes last
+        self._last: dict[str, tuple[float, int]] = {}  # the latest comes last
 
-    def __contains__(self, address: str) -> bool:
+    def times(self, address: str) -> int:
+        """How often an address was refused, with less than SECONDS between two refusals."""
         with self._lock:
-            since = self._since.get(address)
-        return since is not None and self._monotonic() - since < SECONDS
+            return self._times(address)
+
+    def _times(self, address: str) -> int:
+        moment, times = self._last.get(address, (0.0, 0))
+        return times if times and self._monotonic() - moment < SECONDS else 0
 
     def note(self, address: str, was_refused: bool) -> None:
         """What an offer from that address has come to."""
         with self._lock:
-            self._since.pop(address, None)
+            times = self._times(address)
+            self._last.pop(address, None)
             if was_refused:
-                self._since[address] = self._monotonic()
-            if len(self._since) > MOST:
-                del self._since[next(iter(self._since))]
+                self._last[address] = self._monotonic(), times + 1
+            if len(self._last) > MOST:
+                del self._last[next(iter(self._last))]

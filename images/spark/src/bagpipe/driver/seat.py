@@ -18,6 +18,9 @@ from bagpipe.spec import JobFile
 MOST_MET = 1_000
 # Together with a look-up less than the operator waits for an answer.
 _TURN_SECONDS = 0.3
+# An operator is refused a time or two, as when a job is deleted while it is offered; who floods
+# leaves these lines at once, for the last.
+_LINES = 4
 # SIGTERM's handler may not wake who waits, which looks by itself so often.
 _LOOK_SECONDS = 0.5
 
@@ -79,8 +82,7 @@ class Seat:
         self._monotonic = monotonic
         self._changed = threading.Condition()
         self._refused = RefusedLately(monotonic)
-        self._looking_up = Turns(_TURN_SECONDS)
-        self._looking_up_for_refused = Turns(_TURN_SECONDS)
+        self._looking_up = [Turns(_TURN_SECONDS) for _ in range(_LINES)]
         self._closing = False
         self._met: set[tuple[str, int]] = set()
         self._ended: set[tuple[str, int]] = set()
@@ -128,13 +130,12 @@ class Seat:
     def _looked_up(self, offer: Offer) -> bool | None:
         """Whether the job claims this driver; None where that is not known now.
 
-        One at a time, and without the lock: who sends many delays neither the work nor its end. Who
-        was refused lately waits in a line of their own, so that they delay nobody else, however
-        many addresses they have and however long a look-up takes.
+        One at a time in each line, and without the lock: who sends many delays neither the work nor
+        its end. Who was refused lately waits with those who were as often, so that they delay
+        nobody else, however many addresses they have and however long a look-up takes.
         """
-        refused = offer.sender in self._refused
-        turns = self._looking_up_for_refused if refused else self._looking_up
-        with turns.taken(offer.sender) as has_turn:
+        line = min(self._refused.times(offer.sender), _LINES - 1)
+        with self._looking_up[line].taken(offer.sender) as has_turn:
             if not has_turn:
                 return None
             try:
