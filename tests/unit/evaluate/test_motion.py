@@ -1,6 +1,7 @@
 """Distances and times to a collision, each worked out by hand."""
 
 import math
+import random
 from typing import Any
 
 import pytest
@@ -312,28 +313,46 @@ def test_an_obstacle_that_stands_is_met_behind_the_last_scene_too(last: float, s
     assert shortly.figure == pytest.approx(soon)
 
 
-def test_an_obstacle_that_stood_and_is_not_seen_any_more_is_met() -> None:
-    """It is lost 15 m before the ego, as by a sensor that it drives into."""
-    scenes = [(10 + n * 0.9, [(105.0, 0.0), OTHER] if n < 6 else [OTHER]) for n in range(12)]
-    finding = found(pass_by(*scenes), minDistance=5)
-    assert (finding.outcome, finding.figure) == ("failed", 0.0)
+def often(*obstacles: Point, least: float = 0.0, most: float = 1e9) -> list[Any]:
+    """Messages at 20 Hz of those obstacles that stand and are at most and at least so far away."""
+    scenes = []
+    for step in range(200):
+        near = [each for each in obstacles if least <= abs(each[0] - step) <= most]
+        scenes.append((10 + step / 20, near))
+    return scenes
+
+
+def test_what_a_sensor_loses_below_its_least_range_was_driven_through() -> None:
+    """It is lost 4 m before the ego, and for the next 20 messages nothing shows where it went."""
+    ahead = [(at, [each for each in seen if each[0] > (at - 10) * 20]) for at, seen in
+             often((100.0, 0.0), OTHER, least=4)]  # fmt: skip
+    finding = found(pass_by(*ahead), minDistance=2)
+    assert finding.outcome == "invalid"
+    assert finding.figure == pytest.approx(4.0)
+    assert finding.message.startswith("after its last message an obstacle may have been 0 m away")
+    # Where it is seen again behind the ego, it was there all the time.
+    again = found(pass_by(*often((100.0, 0.0), OTHER, least=4)), minDistance=2)
+    assert again.outcome == "failed"
+    assert again.figure == pytest.approx(0.0, abs=1e-6)
+    # Nor for longer than maxAge.
+    assert found(pass_by(*ahead), minDistance=2, maxAge="50ms").outcome == "passed"
 
 
 @pytest.mark.parametrize(
     "scenes",
     [
-        [(12.0, [(50.0, 0.0)]), (12.9, []), (13.8, [OTHER])],
-        [(12.0, [(50.0, 0.0), OTHER]), (12.9, [OTHER])],
+        [(11.1, [(50.0, 0.0)]), (12.0, [(50.0, 0.0)]), (12.9, []), (13.8, [OTHER])],
+        [(11.1, [OTHER, (50.0, 0.0)]), (12.0, [(50.0, 0.0), OTHER]), (12.9, [OTHER])],
         # What comes instead is too far away to be the same.
-        [(12.0, [(50.0, 0.0)]), (12.9, [OTHER])],
+        [(11.1, [(50.0, 0.0)]), (12.0, [(50.0, 0.0)]), (12.9, [(57.0, 8.0)])],
         # It moved, and would be met if it went on.
-        [(11.1, [(58.0, 0.0)]), (12.0, [(52.0, 0.0)]), (12.9, [])],
-        # Behind the last one.
-        [(18.9, [(190.0, 0.0)])],
+        [(10.2, [(64.0, 0.0)]), (11.1, [(58.0, 0.0)]), (12.0, [(52.0, 0.0)]), (12.9, [])],
+        # It is lost 15 m before the ego, as by a sensor that it drives into.
+        [(10 + n * 0.9, [(105.0, 0.0), OTHER] if n < 6 else [OTHER]) for n in range(12)],
     ],
-    ids=["none", "others", "far", "moving", "last"],
+    ids=["none", "others", "far", "moving", "long"],
 )
-def test_where_an_obstacle_went_that_was_near_is_no_evidence_of_a_distance(
+def test_one_that_is_not_seen_any_more_may_have_come_too_near(
     scenes: list[tuple[float, list[Point]]],
 ) -> None:
     finding = found(pass_by(*scenes), minDistance=5)
@@ -344,9 +363,63 @@ def test_where_an_obstacle_went_that_was_near_is_no_evidence_of_a_distance(
     # That it is too near decides, whatever else is not known.
     assert found(pass_by(*scenes), minDistance=200).outcome == "failed"
     # Circles that may have met are no time to a collision either.
-    near = [(at - 0.05, [(90.0, 90.0), *points]) for at, points in scenes[:1]]
-    collision = found(pass_by(*near, *scenes), minTimeToCollision=0.01, radius=0.5)
+    collision = found(pass_by(*scenes), minTimeToCollision=0.01, radius=0.5)
     assert (collision.outcome == "invalid") or collision.figure == 0.0
+
+
+@pytest.mark.parametrize(
+    ("scene", "share"),
+    [
+        # As one that is as fast as the ego, and comes into sight in the last message.
+        ((19.5, [(199.0, 0.0)]), 0.95),
+        ((15.0, [(109.0, 0.0)]), 0.9),
+        # Too far away for the ego to come near it within maxAge.
+        ((15.0, [(139.0, 0.0)]), 1.0),
+    ],
+    ids=["last", "lost", "far"],
+)
+def test_where_one_went_that_was_seen_once_is_not_made_up(
+    scene: tuple[float, list[Point]], share: float
+) -> None:
+    scenes = [(10 + n / 2, [OTHER]) for n in range(20) if 10 + n / 2 != scene[0]]
+    finding = found(pass_by(*scenes, (scene[0], [*scene[1], OTHER])), minDistance=5)
+    assert finding.outcome == "passed"
+    assert finding.coverage == pytest.approx(share, abs=1e-3)
+    assert (finding.covered or "").endswith("before it had a speed") == (share < 1)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("each", [1, 2, 10])
+def test_the_order_of_the_list_and_noise_make_no_ghosts(each: int, seed: int) -> None:
+    """Traffic as fast as the ego and oncoming, and a row that is parked, at 20, 10 and 2 Hz."""
+    chance, scenes = random.Random(seed), []  # noqa: S311
+    for step in range(0, 200, each):
+        ahead = [(step + x, y) for x, y in ((6, 3.5), (-7, -3.5), (11, -3.5), (15, 0))]
+        oncoming = [(x - step, 7.0) for x in range(0, 400, 17) if -10 < x - 2 * step < 60]
+        parked = [(x, -7.0) for x in range(0, 300, 6) if -10 < x - step < 60]
+        all_of = [*ahead, *oncoming, *parked]
+        chance.shuffle(all_of)
+        noisy = [(x + chance.gauss(0, 0.1), y + chance.gauss(0, 0.1)) for x, y in all_of]
+        scenes.append((10 + step / 20, noisy))
+    finding = found(pass_by(*scenes), minDistance=2.5, minCoverage=0.9)
+    assert finding.outcome == "passed", finding.message
+
+
+@pytest.mark.parametrize(
+    ("course", "obstacle"),
+    [
+        # A localization that is at the origin until it knows where it is.
+        ([(0.0 if step < 6 else 100 + step, 0.0) for step in range(200)], (50.0, 0.0)),
+        # One that closes a loop.
+        ([(step / 4, 0.0 if step < 100 else 6.0) for step in range(200)], (25.0, 3.0)),
+    ],
+    ids=["begins", "corrected"],
+)
+def test_the_ego_has_not_driven_where_its_place_jumps(course: list[Point], obstacle: Point) -> None:
+    entries = [ego(10 + step / 20, *place) for step, place in enumerate(course)]
+    scenes = [cars(10 + step / 10, obstacle) for step in range(100)]
+    finding = found(entries + scenes, minDistance=2.5)
+    assert finding.outcome == "passed", finding.message
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 import itertools
 import math
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from bagpipe.evaluate.errors import pose_of
 from bagpipe.evaluate.evidence import Evidence, Sample
@@ -13,6 +14,9 @@ from bagpipe.evaluate.model import Separation
 from bagpipe.evaluate.way import Point, Way
 from bagpipe.evaluate.window import frames_differ, messages_of, samples
 from bagpipe.texts import duration_nanoseconds
+
+if TYPE_CHECKING:
+    from bagpipe.evaluate.approach import Approaches
 
 # Time in ns, the ego, an obstacle, and the obstacle's velocity as the ego sees it, if it is known.
 Pair = tuple[int, Point, Point, Point | None]
@@ -27,7 +31,8 @@ def separation(name: str, wanted: Separation, evidence: Evidence) -> Finding:
     return covering(
         finding,
         met.share,
-        f"{met.share:.0%} of the window, in which both are at most {wanted.max_age} old",
+        f"{met.share:.0%} of the window, in which both are at most {wanted.max_age} old"
+        f"{met.besides}",
         met.clock,
         wanted.min_coverage,
         lasting=True,
@@ -78,12 +83,11 @@ def _least_time(name: str, wanted: Separation, evidence: Evidence, pairs: list[P
 def _feared(
     finding: Finding, wanted: Separation, evidence: Evidence, feared: list[tuple[int, float]]
 ) -> Finding:
-    """Invalid where nobody saw that an obstacle came too near, and where one went is not known that
+    """Invalid where nobody saw that an obstacle came too near, and one that is not seen any more
     would have, had it gone on as before.
     """
-    touch = 2 * wanted.radius if wanted.min_time_to_collision is not None else 0.0
     distance, at = min(((metres, time) for time, metres in feared), default=(math.inf, 0))
-    if finding.outcome != "passed" or distance >= max(wanted.min_distance or 0.0, touch):
+    if finding.outcome != "passed" or distance >= _too_near(wanted):
         return finding
     message = (
         f"after its last message an obstacle may have been {distance:.6g} m away at"
@@ -91,6 +95,12 @@ def _feared(
         f" it went: publish them more often, or until they are passed; {finding.message}"
     )
     return replace(finding, outcome="invalid", message=message)
+
+
+def _too_near(wanted: Separation) -> float:
+    """Metres below which the distance of an obstacle breaks a bound, whatever its speed is."""
+    touch = 2 * wanted.radius if wanted.min_time_to_collision is not None else 0.0
+    return max(wanted.min_distance or 0.0, touch)
 
 
 def _odd(name: str, met: "Met", evidence: Evidence) -> Finding | None:
@@ -124,10 +134,12 @@ class Met:
     course: list[tuple[int, Point]]
     obstacles: list[tuple[int, Point]]
     pairs: list[Pair]
-    # How near obstacles may have been of which it is not known where they went.
+    # How near obstacles may have been that are not seen any more.
     feared: list[tuple[int, float]]
     share: float
     clock: Clock
+    # In words, what else the covered time is without.
+    besides: str
 
 
 def _met(wanted: Separation, evidence: Evidence) -> Met:
@@ -146,15 +158,16 @@ def _met(wanted: Separation, evidence: Evidence) -> Met:
         raise NoEvidenceError(f"no obstacle was ever on {wanted.obstacles}")
     age = duration_nanoseconds(wanted.max_age)
     with_ego = _with_ego(course, scenes, age)
-    seen, feared = _between(course, scenes, age, evidence.end)
-    poses = [time for time, _ in course]
+    near = _between(course, scenes, age, evidence.end)
+    lost = [(each.begin, each.until) for each in near.unknown if each.metres < _too_near(wanted)]
     return Met(
         course,
         [(time, point) for time, points in scenes for point in points],
-        _paired(with_ego) + [(*near, None) for near in seen],
-        feared,
-        _share(poses, [time for time, _, _ in with_ego], age, wanted.min_coverage, evidence),
+        _paired(with_ego) + [(*each, None) for each in near.seen],
+        near.feared,
+        _share(course, with_ego, lost, wanted, evidence),
         "header" if stamped else "receipt",
+        " and no obstacle was lost near the ego before it had a speed" if lost else "",
     )
 
 
@@ -180,17 +193,24 @@ def _with_ego(
 
 
 def _share(
-    poses: list[int], scenes: list[int], age: int, least: float, evidence: Evidence
+    course: list[tuple[int, Point]],
+    scenes: list[tuple[int, Point, list[Point]]],
+    lost: list[tuple[int, int]],
+    wanted: Separation,
+    evidence: Evidence,
 ) -> float:
-    """The share of the window that is at most `age` after a pose and after a scene, or before the
-    first ones.
+    """The share of the window that is at most `maxAge` after a pose and after a scene, or before
+    the first ones, without the stretches for which an obstacle is lost.
     """
-    if not any(evidence.start <= time < evidence.end for time in scenes):
+    times = [time for time, _, _ in scenes]
+    if not any(evidence.start <= time < evidence.end for time in times):
         return 0.0
+    age = duration_nanoseconds(wanted.max_age)
     length = evidence.end - evidence.start
-    unknown = _joined(_too_old(poses, age, evidence) + _too_old(scenes, age, evidence))
+    old = _too_old([time for time, _ in course], age, evidence) + _too_old(times, age, evidence)
+    unknown = _joined(old + [(max(begin, evidence.start), until) for begin, until in lost])
     share = 1.0 - sum(after - before for before, after in unknown) / length
-    if share < least:
+    if share < wanted.min_coverage:
         length = evidence.input_time_between(evidence.start, evidence.end) or length
         share = 1.0 - sum(evidence.input_time_between(*each) for each in unknown) / length
     return share
@@ -256,18 +276,15 @@ def _paired(scenes: list[tuple[int, Point, list[Point]]]) -> list[Pair]:
 
 def _between(
     course: list[tuple[int, Point]], scenes: list[tuple[int, list[Point]]], age: int, end: int
-) -> tuple[list[tuple[int, Point, Point]], list[tuple[int, float]]]:
-    """Between the scenes and behind the last one, the nearest obstacles that stand, and how near
-    those may have been of which it is not known where they went.
-    """
+) -> "Approaches":
+    """How near the ego came to obstacles between the scenes and behind the last ones."""
     # Other criteria, and the start of a laptop's run, need neither numpy nor scipy.
-    from bagpipe.evaluate.approach import approaches  # noqa: PLC0415
+    from bagpipe.evaluate.approach import Approaches, approaches  # noqa: PLC0415
 
     places = itertools.chain((ego for _, ego in course), *(points for _, points in scenes))
     if not all(math.isfinite(number) for place in places for number in place):
-        return [], []  # which fails it
-    found = approaches(Way(course, age), scenes, age, end)
-    return found.seen, [(time, _distance(ego, other)) for time, ego, other in found.feared]
+        return Approaches([], [], [])  # which fails it
+    return approaches(Way(course, age), scenes, age, end)
 
 
 def _distance(ego: Point, obstacle: Point) -> float:

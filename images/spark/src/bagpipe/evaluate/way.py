@@ -1,6 +1,7 @@
 """Where the ego is between its poses: on the straight line from one to the next."""
 
 import itertools
+import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
 
@@ -8,13 +9,19 @@ Point = tuple[float, float]
 # Two times in ns and where the ego is then.
 Part = tuple[tuple[int, Point], tuple[int, Point]]
 
+# Metres per second: what is further away than that is not where it has driven to.
+FASTEST = 70.0
+# Metres: what moves by less stands, or its place is a little wrong.
+STANDS = 0.5
+
 
 class Way:
     """Poses of an ego, and what follows from them for other times."""
 
     def __init__(self, poses: Sequence[tuple[int, Point]], age: int) -> None:
         """Poses ascend by their time in ns. Between two of them a place is known if it is never
-        more than `age` ns from one of them.
+        more than `age` ns from one of them, and no speed is needed that nothing has: a
+        localization that finds itself has not driven there.
         """
         self._poses = list(poses)
         self._times = [time for time, _ in self._poses]
@@ -28,7 +35,7 @@ class Way:
         if not 0 < after < len(self._poses):
             return None
         (begin, old), (end, new) = self._poses[after - 1 : after + 1]
-        if end - begin > self._longest:
+        if end - begin > self._longest or not _drives((begin, old), (end, new)):
             return None
         return between(old, new, (time - begin) / (end - begin))
 
@@ -40,7 +47,14 @@ class Way:
         edges = [(time, self.at(time)) for time in (begin, end)]
         start, stop = ([(time, place)] if place is not None else [] for time, place in edges)
         places = [*start, *self._poses[first:last], *stop]
-        yield from itertools.pairwise(places if len(places) > 1 else 2 * places)
+        for one, other in itertools.pairwise(places if len(places) > 1 else 2 * places):
+            yield from [(one, other)] if _drives(one, other) else [(one, one), (other, other)]
+
+
+def _drives(one: tuple[int, Point], other: tuple[int, Point]) -> bool:
+    """Whether the ego may have gone straight from one place to the other."""
+    seconds = (other[0] - one[0]) / 1e9
+    return math.dist(one[1], other[1]) <= STANDS + FASTEST * seconds
 
 
 def between(old: Point, new: Point, share: float) -> Point:

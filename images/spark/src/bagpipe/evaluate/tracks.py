@@ -1,0 +1,161 @@
+"""Obstacles followed from message to message by their places, whatever the order of the list is."""
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Any, Literal, NamedTuple, Self
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from bagpipe.evaluate.way import FASTEST, STANDS, Point
+
+# Time in ns, and where the obstacles are then.
+Scene = tuple[int, list[Point]]
+# `seen`: it is known where it was; `feared`: where it would have been at the speed that it had;
+# `unknown`: where it was last, and no speed is known.
+Kind = Literal["seen", "feared", "unknown"]
+
+# Metres per second, per second: what changes its speed by more is another obstacle.
+_HARDEST = 5.0
+# A speed is that over so many ns at least: places have noise.
+_LONG_ENOUGH = 500_000_000
+# Of finding who is nearest to whom among those that are left; the rest is taken for others.
+_ROUNDS = 8
+# Lost ones that are looked for at a time: with a large maxAge they would only become more.
+_MOST_LOST = 10_000
+
+
+class Stretch(NamedTuple):
+    """Where an obstacle is from one time in ns to another, in metres and metres per second."""
+
+    kind: Kind
+    begin: int
+    until: int
+    place: Point
+    speed: Point
+
+
+class _Track(NamedTuple):
+    """An obstacle that was seen last at a time in ns. Its speed is `known` if it hardly moved, or
+    was where its speed before leads to.
+    """
+
+    time: int
+    place: Point
+    speed: Point | None = None
+    known: bool = False
+    # Earlier sightings, of which the first gives the speed.
+    marks: tuple[tuple[int, Point], ...] = ()
+
+    def at(self, time: int) -> Point:
+        """Where it would be; where it was last, as long as it has no speed."""
+        x, y = self.speed or (0.0, 0.0)
+        seconds = (time - self.time) / 1e9
+        return self.place[0] + x * seconds, self.place[1] + y * seconds
+
+    def reach(self, time: int) -> float:
+        """How many metres from there it may be."""
+        seconds = (time - self.time) / 1e9
+        return _off_course(seconds) if self.known else STANDS + FASTEST * seconds
+
+    def seen_again(self, time: int, place: Point) -> Self:
+        """The same, at a later message."""
+        if time == self.time:
+            return self
+        off, seconds = math.dist(self.at(time), place), (time - self.time) / 1e9
+        led_there = self.speed is not None and off <= _off_course(seconds)
+        known = self.known or led_there or math.dist(self.place, place) <= STANDS
+        old, middle = self.marks if known and self.marks else 2 * ((self.time, self.place),)
+        if time - middle[0] >= _LONG_ENOUGH:
+            old, middle = middle, (time, place)
+        span = (time - old[0]) / 1e9
+        speed = (place[0] - old[1][0]) / span, (place[1] - old[1][1]) / span
+        return type(self)(time, place, speed, known, (old, middle))
+
+    def until_again(self, again: Self, age: int) -> Iterator[Stretch]:
+        """From this sighting to the next one, where it hardly moved meanwhile."""
+        span = (again.time - self.time) / 1e9
+        if span and math.dist(self.place, again.place) <= STANDS:
+            (x, y), (new_x, new_y) = self.place, again.place
+            speed = (new_x - x) / span, (new_y - y) / span
+            until = min(again.time, self.time + age)
+            yield Stretch("seen", self.time, until, self.place, speed)
+
+    def behind(self, age: int, end: int, last: int) -> Stretch:
+        """Behind its last sighting. Where it stood, and no later message lacks it, it stands."""
+        until = min(self.time + age, end)
+        long = self.known and self.time - self.marks[0][0] >= _LONG_ENOUGH
+        if self.speed is None or not long:
+            return Stretch("unknown", self.time, until, self.place, (0.0, 0.0))
+        stands = math.hypot(*self.speed) * (until - self.time) / 1e9 <= STANDS
+        kind: Kind = "seen" if stands and self.time == last else "feared"
+        return Stretch(kind, self.time, until, self.place, self.speed)
+
+
+def _off_course(seconds: float) -> float:
+    """Metres that one whose speed is known may be from where that leads in so many seconds."""
+    return 2 * STANDS + _HARDEST * seconds * seconds
+
+
+def stretches(scenes: Sequence[Scene], age: int, end: int) -> Iterator[Stretch]:
+    """What is known of the obstacles' places between their messages, and for at most `age` ns
+    behind the last one that has them, up to `end`. Places are finite, and scenes ascend by time.
+
+    An obstacle that a message lacks is looked for in the later ones for `age` ns. One that is
+    another one's double is the same.
+    """
+    tracks: list[_Track] = []
+    before = last = scenes[-1][0] if scenes else 0
+    for time, points in scenes:
+        oldest = min(time - age, before)
+        yield from (each.behind(age, end, last) for each in tracks if each.time < oldest)
+        waiting = [each for each in tracks if each.time >= oldest]
+        tracks, before = [], time
+        owners: dict[int, tuple[float, _Track]] = {}
+        for track, number in zip(waiting, _matched(waiting, time, points), strict=True):
+            if number is None:
+                tracks.append(track)
+                continue
+            again = track.seen_again(time, points[number])
+            yield from track.until_again(again, age)
+            off = math.dist(track.at(time), points[number])
+            if number not in owners or off < owners[number][0]:
+                owners[number] = (off, again)
+        yield from (each.behind(age, end, last) for each in tracks[:-_MOST_LOST])
+        del tracks[:-_MOST_LOST]
+        fresh = (_Track(time, point) for point in points)
+        tracks += [owners[n][1] if n in owners else each for n, each in enumerate(fresh)]
+    yield from (each.behind(age, end, last) for each in tracks)
+
+
+def _matched(tracks: Sequence[_Track], time: int, points: Sequence[Point]) -> list[int | None]:
+    """Which point each track is, None for those that are not there.
+
+    A point where a track would be, or nearly, is it, though another one may be it as well; one
+    that is only within its reach is if it is nobody else's.
+    """
+    found = np.full(len(tracks), -1)
+    if not (tracks and points):
+        return [None] * len(tracks)
+    there, new = _array([each.at(time) for each in tracks]), _array(points)
+    apart, which = KDTree(new).query(there, distance_upper_bound=STANDS)
+    found[apart <= STANDS] = which[apart <= STANDS]
+    reach = np.array([each.reach(time) for each in tracks])
+    for _ in range(_ROUNDS):
+        left = np.flatnonzero(found < 0)
+        free = np.setdiff1d(np.arange(len(new)), found)
+        if not (len(left) and len(free)):
+            break
+        apart, which = KDTree(new[free]).query(there[left])
+        within = np.flatnonzero(apart <= reach[left])
+        if not len(within):
+            break
+        nearest = within[np.argsort(apart[within], kind="stable")]
+        _, first = np.unique(which[nearest], return_index=True)
+        chosen = nearest[first]
+        found[left[chosen]] = free[which[chosen]]
+    return [int(number) if number >= 0 else None for number in found]
+
+
+def _array(points: Sequence[Point]) -> Any:
+    return np.array(points, dtype=float).reshape(-1, 2)
