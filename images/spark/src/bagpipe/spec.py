@@ -13,6 +13,7 @@ from pydantic import (
     ConfigDict,
     Field,
     JsonValue,
+    ValidationInfo,
     field_validator,
     model_validator,
 )
@@ -54,6 +55,8 @@ from bagpipe.topic_patterns import records
 # Where the operator mounts the ConfigMaps of users' evaluators, in the executors alone.
 EVALUATORS_PATH = "/etc/bagpipe/evaluators"
 DEFAULT_BACKOFF_LIMIT = 3
+# In a validation's context: the job has been run, and its results are read.
+_RAN = "ran"
 
 
 class _Model(BaseModel):
@@ -314,18 +317,37 @@ class SimulationJobSpec(_Model):
             raise ValueError("two criteria have one name: give each a name of its own")
         return criteria
 
+    @classmethod
+    def of_results(cls, spec: JsonValue) -> Self:
+        """The spec of a job that was run once, by whatever rules there were. Raises ValidationError
+        where it has not a spec's form.
+        """
+        return cls.model_validate(spec, context={_RAN: True})
+
     @model_validator(mode="after")
-    def _evaluators_see_no_credentials(self) -> Self:
+    def _rules(self, info: ValidationInfo) -> Self:
+        """What fields must mean together. A rule that is newer than a job's results is no reason
+        not to read them.
+        """
+        if info.context and info.context.get(_RAN):
+            return self
+        self._evaluators_see_no_credentials()
+        self._latency_is_of_real_time()
+        self._criteria_read_what_is_recorded()
+        self._claims_are_the_pods()
+        self._source_s_own_rules()
+        self._engine_s_own_fields()
+        return self
+
+    def _evaluators_see_no_credentials(self) -> None:
         """A user's evaluator runs as the worker's own user, who could read its environment."""
         if self.storage.secrets and evaluator_config_maps(self):
             raise ValueError(
                 "an own evaluator runs beside the worker and could read what storage.secrets give"
                 " it: leave one of them out"
             )
-        return self
 
-    @model_validator(mode="after")
-    def _latency_is_of_real_time(self) -> Self:
+    def _latency_is_of_real_time(self) -> None:
         """Else bag time waits for the stack, however long it takes."""
         late = next((each.name for each in self.evaluate if each.latency), None)
         if late is not None and self.playback.mode == "lockstep":
@@ -339,10 +361,8 @@ class SimulationJobSpec(_Model):
                 f"evaluate[{late}] has latency, and in max an answer has the time of the last input"
                 " that was handed over, however long it took: play in realtime"
             )
-        return self
 
-    @model_validator(mode="after")
-    def _criteria_read_what_is_recorded(self) -> Self:
+    def _criteria_read_what_is_recorded(self) -> None:
         """A criterion over a topic that is never recorded could only ever be invalid."""
         patterns = list(self.record.topics) if self.record else []
         patterns += source_fields(self.source.kind).topics(self.source.own)
@@ -353,10 +373,8 @@ class SimulationJobSpec(_Model):
                         f"evaluate[{criterion.name}] reads {topic}, which record.topics does not"
                         " have: add it there"
                     )
-        return self
 
-    @model_validator(mode="after")
-    def _claims_are_the_pods(self) -> Self:
+    def _claims_are_the_pods(self) -> None:
         claims = {claim.name for claim in self.spark.executor.pod.resource_claims}
         for asked in self.stack.resources.claims or []:
             if asked.name not in claims:
@@ -365,23 +383,18 @@ class SimulationJobSpec(_Model):
                     ".resourceClaims lacks: write it there, for example {name: gpu,"
                     " resourceClaimTemplateName: one-gpu}"
                 )
-        return self
 
-    @model_validator(mode="after")
-    def _source_s_own_rules(self) -> Self:
+    def _source_s_own_rules(self) -> None:
         refused = source_fields(self.source.kind).refusal(self)
         if refused is not None:
             raise ValueError(refused)
-        return self
 
-    @model_validator(mode="after")
-    def _engine_s_own_fields(self) -> Self:
+    def _engine_s_own_fields(self) -> None:
         kind = self.source.kind
         taken_as = source_fields(kind).taken_as or kind
         refused = refusal(self, self.stack.engine, kind, taken_as)
         if refused is not None:
             raise ValueError(refused)
-        return self
 
 
 class Images(_Model):

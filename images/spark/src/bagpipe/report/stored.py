@@ -15,11 +15,11 @@ from bagpipe.storage import Storage, StorageError
 
 Row = dict[str, Any]
 
-MANIFEST, LINES = "manifest.json", "results.jsonl"
+MANIFEST, LINES, JOB = "manifest.json", "results.jsonl", "job.json"
 # What a job leaves in its folder beside the manifest (docs/reference/results.md).
 PUT_ONCE = ("quarantine.json", "catalogue.json", "recordings.json.gz")
 FILES = (
-    LINES, "results.parquet", "junit.xml", "report.html", "comparison.json", "job.json",
+    LINES, "results.parquet", "junit.xml", "report.html", "comparison.json", JOB,
     *PUT_ONCE,
 )  # fmt: skip
 FOLDERS = ("cases", "journal")
@@ -80,8 +80,7 @@ class StoredResults:
         would be taken for new.
         """
         expected = self._lines_of_all()
-        spec = self.spec()
-        first = spec.variants[0].name if spec and spec.variants else None
+        first = self._first_variant()
         lines = 0
         for row in self.rows():
             lines += 1
@@ -92,6 +91,16 @@ class StoredResults:
                 f"{posixpath.join(self.uri, LINES)} has {lines} lines, and its manifest"
                 f" {expected} cases: copy the results again, all of them"
             )
+
+    def _first_variant(self) -> str | None:
+        """Its name, whatever else the job's spec has; None of a job without variants."""
+        if not self.storage.exists(posixpath.join(self.uri, JOB)):
+            return None
+        try:
+            variants = (self._map(JOB).get("spec") or {}).get("variants") or []
+            return str(variants[0]["name"]) if variants else None
+        except (AttributeError, KeyError, TypeError, IndexError) as error:
+            raise StorageError(f"{self.uri}/{JOB} is no job: {error!r}") from error
 
     def _lines_of_all(self) -> int | None:
         """How many lines there are, of a job of which all cases ran; None without a manifest."""
@@ -126,13 +135,16 @@ class StoredResults:
         return list(self._map("comparison.json")["comparisons"])
 
     def spec(self) -> SimulationJobSpec | None:
-        """The job as it ran; None where it was not kept (before version 0.1)."""
-        if not self.storage.exists(posixpath.join(self.uri, "job.json")):
+        """The job as it ran; None where it was not kept (before version 0.1).
+
+        It has a spec's form, and need not keep rules that came after it.
+        """
+        if not self.storage.exists(posixpath.join(self.uri, JOB)):
             return None
         try:
-            return SimulationJobSpec.model_validate(self._map("job.json").get("spec") or {})
+            return SimulationJobSpec.of_results(self._map(JOB).get("spec") or {})
         except ValidationError as error:
-            raise StorageError(f"{self.uri}/job.json is no job: {error}") from error
+            raise StorageError(f"{self.uri}/{JOB} is no job: {error}") from error
 
     def _map(self, name: str, most: int = _MOST_FILE_BYTES) -> dict[str, Any]:
         uri = posixpath.join(self.uri, name)
