@@ -6,6 +6,7 @@ from typing import Any
 
 from bagpipe.compare.compare import compare
 from bagpipe.compare.delivery import LOSS, delivery, left_out
+from bagpipe.compare.pairing import Versions
 from bagpipe.driver.baseline import baseline_rows
 from bagpipe.storage import Storage
 
@@ -82,12 +83,62 @@ def test_a_case_that_fails_for_another_s_loss_has_no_loss_of_what_nobody_counts(
     assert [each.name for each in found.criteria if each.pairs and each.variant] == []
 
 
-def test_many_nodes_that_nobody_counts_are_some_names_and_a_number() -> None:
+def test_nodes_that_nobody_counts_are_as_many_of_a_topic_in_any_of_the_runs() -> None:
     lines = [{"node": f"/n{n}", "received": 0, "strength": "sent", "proved": False}
              for n in range(5)]  # fmt: skip
-    ledger = {"topics": [{"topic": "/scan", "sent": 9, "subscribers": lines}]}
-    assert left_out({"result": {"ledger": ledger}}) == "without /n0, /n1, /n2 and 2 more"
+    ledger = {"topics": [{"topic": "/scan", "sent": 9, "subscribers": lines},
+                         {"topic": "/map", "sent": 0, "subscribers": lines}]}  # fmt: skip
+    assert left_out({"result": {"ledger": ledger}}) == "5 of /scan (sent)"
+    runs = {"result": {"ledger": ledger}, "discarded": [{"ledger": ledger}, {"ledger": ledger}]}
+    assert left_out(runs) == "5 of /scan (sent)"
     assert LOSS not in delivery({"result": {"ledger": ledger}})
+
+
+def beside(number: int, variant: str, lost: int, listeners: int = 1) -> dict[str, Any]:
+    """The counted /lane loses so many of 100, beside listeners that have a name of this run."""
+    found = row(number, variant, "called", 100 - lost)
+    (topic,) = found["result"]["ledger"]["topics"]
+    for n in range(listeners):
+        name = f"/transform_listener_impl_{number}{variant}{n}"
+        line = {"node": name, "received": 0, "dropped": 0, "strength": "sent", "proved": False}
+        topic["subscribers"].append(line)
+    return found | {"allowed": [{"cause": "DeliveryUnproved", "message": "m"}]}
+
+
+def test_a_loss_is_seen_though_what_nobody_counts_has_another_name_in_each_run() -> None:
+    rows = [beside(n, "a", 0) for n in range(12)] + [beside(n, "b", 60) for n in range(12)]
+    (found,) = compare(rows, ["a", "b"])
+    assert found.verdict == "worse", found.message
+    assert "not compared" not in found.message
+    # However many rows there are, their figures are those of few series.
+    assert len(Versions.read(rows).series) == 3
+
+
+def test_it_is_named_where_losses_are_not_compared() -> None:
+    rows = [beside(n, "a", 0, listeners=1 + (n < 3)) for n in range(12)]
+    rows += [beside(n, "b", 60) for n in range(12)]
+    (found,) = compare(rows, ["a", "b"])
+    assert found.verdict == "worse", found.message
+    sentence = "; losses not compared in {}, in which not as many nodes are counted as there"
+    assert found.message.endswith(sentence.format("3 cases"))
+    # Also where nothing is counted in one of them, and not where nothing was to be counted.
+    rows = [row(n, "a", "sent", 0) for n in range(12)] + [
+        row(n, "b", "called", 9) for n in range(9)
+    ]
+    (found,) = compare(rows, ["a", "b"])
+    assert sentence.format("9 cases") in found.message
+    rows = [row(n, "a", "called", 9) | {"result": None} for n in range(9)] + rows[12:]
+    (found,) = compare(rows, ["a", "b"])
+    assert "not compared" not in found.message
+
+
+def test_of_rounds_those_are_compared_that_leave_out_as_many() -> None:
+    rows = [beside(n, "a", 0) | {"round": r} for n in range(12) for r in range(2)]
+    rows += [beside(n, "b", 90, listeners=2) for n in range(12)]
+    rows += [beside(n, "b", 0) | {"round": 1} for n in range(12)]
+    (found,) = compare(rows, ["a", "b"])
+    assert [each.name for each in found.criteria if each.name == LOSS] == []
+    assert found.verdict == "same", found.message
 
 
 def test_a_node_of_ros_1_that_does_not_answer_has_lost_what_it_was_sent() -> None:

@@ -1,7 +1,7 @@
 """Variants against a baseline, over the cases that both have: per case, per criterion, in all."""
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, get_args
 
@@ -9,7 +9,15 @@ from bagpipe.compare.changes import Change, changes
 from bagpipe.compare.changes import Word as ChangeWord
 from bagpipe.compare.criteria import CriterionComparison, Word, compared
 from bagpipe.compare.delivery import FIGURES
-from bagpipe.compare.pairing import ROUNDS, Rounds, Row, Series, Versions, titles
+from bagpipe.compare.pairing import (
+    ROUNDS,
+    Rounds,
+    Row,
+    Series,
+    Versions,
+    losses_differ,
+    titles,
+)
 from bagpipe.row_facts import Key
 
 # How many cases are named; the results have all.
@@ -105,8 +113,7 @@ def _compared(
     unmeasured = _unmeasured(baseline, variant, titles(series))
     message += f"; {len(hidden)} worse in quarantine" if hidden else ""
     message += f"; measured no more: {', '.join(unmeasured)}" if unmeasured else ""
-    other = sum(before.recording != after.recording for before, after in pairs.values())
-    message += f"; {other} played from another recording than there" if other else ""
+    message += _of_pairs(list(pairs.values()))
     return Comparison(
         name, called, verdict, message, counts, {word: became[word] for word in _BECAME},
         regressed=regressed[:MOST_NAMED], fixed=_named("fixed", found, variant),
@@ -114,6 +121,17 @@ def _compared(
         missing=[rounds.cases[0] for rounds in missing.values()][:MOST_NAMED], criteria=criteria,
         quarantined=hidden[:MOST_NAMED],
     )  # fmt: skip
+
+
+def _of_pairs(pairs: Sequence[tuple[Rounds, Rounds]]) -> str:
+    """In how many pairs something was not alike, after a semicolon; else nothing."""
+    uncounted = sum(losses_differ(before, after) for before, after in pairs)
+    other = sum(before.recording != after.recording for before, after in pairs)
+    message = ""
+    if uncounted:
+        message = f"; losses not compared in {uncounted} case{'s' * (uncounted != 1)}, in which"
+        message += " not as many nodes are counted as there"
+    return message + (f"; {other} played from another recording than there" if other else "")
 
 
 def _regressed(found: Mapping[Key, Change], variant: Mapping[Key, Rounds]) -> list[dict[str, str]]:

@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 
 from bagpipe.compare.correction import family_size, holm
-from bagpipe.compare.pairing import Rounds, Series, titles
+from bagpipe.compare.pairing import Rounds, Series, figures_of_both, titles
 from bagpipe.compare.sign_flips import Figures, SignFlips
 from bagpipe.row_facts import Key
 
@@ -91,11 +91,8 @@ def measured(called: str, series: Series, pairs: Sequence[tuple[Rounds, Rounds]]
     What is infinite, such as the time to a collision that never comes, counts as twice the largest
     figure that is not: else one such recording would leave the whole criterion undecided.
     """
-    there = [
-        (now.recording, then.figures[series], now.figures[series])
-        for then, now in pairs
-        if then.figures.get(series) and now.figures.get(series)
-    ]
+    both = ((now.recording, *figures_of_both(series, then, now)) for then, now in pairs)
+    there = [each for each in both if each[1]]
     figures = [abs(figure) for _, then, now in there for figure in (*then, *now)]
     most = 2 * max(filter(math.isfinite, figures), default=0.0) or 1.0
     before, after = defaultdict(list), defaultdict(list)

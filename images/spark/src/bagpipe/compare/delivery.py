@@ -3,6 +3,8 @@
 A criterion's name has no colon, so none can be taken for one of these.
 """
 
+import sys
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -16,7 +18,6 @@ DISCARDED = "delivery: discarded runs"
 FIGURES = {LOSS: ("%", "lower"), DISCARDED: ("runs", "lower")}
 # Strengths that say nothing of what a node took, in rows of before such lines were marked.
 _UNCOUNTED = frozenset({"sent", "received"})
-_MOST_NAMED = 3
 
 
 def delivery(row: Row) -> dict[str, float]:
@@ -40,16 +41,20 @@ def delivery(row: Row) -> dict[str, float]:
 
 
 def left_out(row: Row) -> str:
-    """The nodes that nobody counts, in words, empty where all are counted: a share of what others
-    lost is compared with a share of what the same ones lost.
+    """How many nodes nobody counts, by topic and strength, empty where all are counted: a share of
+    what others lost is compared with one that as many are left out of.
+
+    They are not named: a node may have another name in each run, as listeners of tf2 do.
     """
-    lines = ((str(node.get("node")), topic, node) for topic, node in _lines(row))
-    found = {name for name, topic, node in lines if topic["sent"] and not _is_counted(node, row)}
-    nodes = sorted(found)
-    if not nodes:
-        return ""
-    more = len(nodes) - _MOST_NAMED
-    return f"without {', '.join(nodes[:_MOST_NAMED])}{f' and {more} more' if more > 0 else ''}"
+    most: Counter[tuple[str, str]] = Counter()
+    for ledger in _ledgers(row):
+        most |= Counter(
+            (str(topic.get("topic")), str(node.get("strength")))
+            for topic, node in _lines_of(ledger)
+            if topic["sent"] and not _is_counted(node, row)
+        )
+    found = (f"{number} of {topic} ({how})" for (topic, how), number in sorted(most.items()))
+    return sys.intern(", ".join(found))  # it is the same text in nearly all rows
 
 
 def _is_counted(node: Mapping[str, Any], row: Row) -> bool:
@@ -65,9 +70,13 @@ def _allows_unproved(row: Row) -> bool:
 def _lines(row: Row) -> Iterator[tuple[Mapping[str, Any], Mapping[str, Any]]]:
     """Topics and their subscribers, of all ledgers."""
     for ledger in _ledgers(row):
-        for topic in ledger.get("topics") or []:
-            for node in topic.get("subscribers") or []:
-                yield topic, node
+        yield from _lines_of(ledger)
+
+
+def _lines_of(ledger: Mapping[str, Any]) -> Iterator[tuple[Mapping[str, Any], Mapping[str, Any]]]:
+    for topic in ledger.get("topics") or []:
+        for node in topic.get("subscribers") or []:
+            yield topic, node
 
 
 def _ledgers(row: Row) -> Iterator[Mapping[str, Any]]:

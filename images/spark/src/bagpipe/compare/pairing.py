@@ -1,11 +1,11 @@
 """Rows of two versions brought together: the same fragment under the same values, in all rounds."""
 
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple, Self, TypeVar
 
-from bagpipe.compare.delivery import FIGURES, LOSS, delivery, left_out
+from bagpipe.compare.delivery import DISCARDED, FIGURES, LOSS, delivery, left_out
 from bagpipe.row_facts import Key, figures_of, key_of, quarantine_of
 
 Row = Mapping[str, Any]
@@ -26,14 +26,18 @@ class Series(NamedTuple):
 
 # The share of a case's rounds that passed: each of many cases may lose too few to be significant.
 ROUNDS = Series("rounds: passed", "%", "", "higher")
+# What was lost on the way.
+LOSSES, DISCARDS = (Series(name, unit, "", better) for name, (unit, better) in FIGURES.items())
 
 
 @dataclass
 class Rounds:
     """What one version did in one case, round by round.
 
-    `figures` has what each criterion measured. `recording` says with which other
-    cases it may share its luck: those of the same recording are not independent of each other.
+    `figures` has what each criterion measured, and `losses` the shares of messages that were lost,
+    by what they are without (left_out), also where nothing is left. `recording` says with which
+    other cases it may share its luck: those of the same recording are not independent of each
+    other.
     """
 
     recording: str
@@ -41,6 +45,7 @@ class Rounds:
     outcomes: list[str] = field(default_factory=list)
     reasons: list[str] = field(default_factory=list)
     figures: dict[Series, list[float]] = field(default_factory=lambda: defaultdict(list))
+    losses: dict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
 
     def add(self, row: Row) -> None:
         """One more round."""
@@ -52,20 +57,22 @@ class Rounds:
                 if each.get("figure") is not None and each.get("direction"):
                     self.figures[_series(finding, each)].append(float(each["figure"]))
         self.figures[ROUNDS].append(100.0 * (row["outcome"] == "passed"))
-        for series, figure in _delivered(row).items():
-            self.figures[series].append(figure)
+        delivered = delivery(row)
+        self.figures[DISCARDS].append(delivered[DISCARDED])
+        without = left_out(row)
+        if without or LOSS in delivered:
+            self.losses[without] += [delivered[LOSS]] if LOSS in delivered else []
 
     def joined(self, other: Self) -> Self:
         """These rounds and other ones of the same case."""
-        both = defaultdict(list, {key: list(figures) for key, figures in self.figures.items()})
-        for key, figures in other.figures.items():
-            both[key] += figures
+        figures, losses = _merged(self.figures, other.figures), _merged(self.losses, other.losses)
         return replace(
             self,
             cases=self.cases + other.cases,
             outcomes=self.outcomes + other.outcomes,
             reasons=self.reasons + other.reasons,
-            figures=both,
+            figures=figures,
+            losses=losses,
         )
 
     @property
@@ -106,7 +113,6 @@ class Versions:
     def read(cls, rows: Iterable[Row]) -> Self:
         """Each row is looked at once and not kept."""
         found = cls()
-        delivered: dict[Series, None] = {}
         for row in rows:
             variant = str(row.get("variant") or "")
             cases = found.of[variant]  # also where all are in quarantine: its keys are in order
@@ -116,8 +122,9 @@ class Versions:
                 for each in figures_of(finding):
                     if each.get("direction"):
                         found.series[_series(finding, each)] = None
-            delivered |= dict.fromkeys(_delivered(row))
-        found.series |= delivered | {ROUNDS: None}
+        versions = [*found.of.values(), *found.quarantined.values()]
+        lost = any(any(each.losses.values()) for cases in versions for each in cases.values())
+        found.series |= dict.fromkeys([DISCARDS, *([LOSSES] if lost else []), ROUNDS])
         return found
 
     def all_of(self, variant: str) -> dict[Key, Rounds]:
@@ -135,32 +142,52 @@ def titles(series: Iterable[Series]) -> dict[Series, str]:
     by_name: dict[str, list[Series]] = defaultdict(list)
     for each in series:
         by_name[each.name].append(each)
-    return {each: _title(each, others) for others in by_name.values() for each in others}
+    return {each: title for others in by_name.values() for each, title in _titles(others)}
 
 
-def _title(one: Series, others: list[Series]) -> str:
-    if len(others) == 1:
-        return one.name
-    units, kinds = {each.unit for each in others}, {each.kind for each in others}
-    if len(units) == len(kinds) == 1:
-        return f"{one.name} ({one.better} is better)"
-    words = [one.unit] if len(units) > 1 else []
-    words += [one.kind] if len(kinds) > 1 else []
-    return f"{one.name} ({', '.join(filter(None, words))})" if any(words) else one.name
+def _titles(alike: list[Series]) -> Iterator[tuple[Series, str]]:
+    """Of series of one name."""
+    units, kinds = {each.unit for each in alike}, {each.kind for each in alike}
+    for one in alike:
+        words = [one.unit] if len(units) > 1 else []
+        words += [one.kind] if len(kinds) > 1 else []
+        if len(alike) > 1 and len(units) == len(kinds) == 1:
+            words = [f"{one.better} is better"]
+        yield one, f"{one.name} ({', '.join(filter(None, words))})" if any(words) else one.name
+
+
+def figures_of_both(
+    series: Series, then: Rounds, now: Rounds
+) -> tuple[Sequence[float], Sequence[float]]:
+    """What can be compared of a case, both empty where nothing can: of losses those that are
+    without as many nodes.
+    """
+    before, after = then.figures.get(series) or (), now.figures.get(series) or ()
+    if series == LOSSES:
+        both = {each: (then.losses[each], now.losses.get(each, [])) for each in then.losses}
+        before, after = max(both.values(), key=lambda of: min(map(len, of)), default=((), ()))
+    return (before, after) if before and after else ((), ())
+
+
+def losses_differ(then: Rounds, now: Rounds) -> bool:
+    """Whether both versions had losses counted, or nodes that nobody counts, and not alike."""
+    some = any(then.losses.values()) or any(now.losses.values())
+    return bool(some and then.losses and now.losses and not figures_of_both(LOSSES, then, now)[0])
+
+
+_K = TypeVar("_K")
+
+
+def _merged(one: dict[_K, list[float]], other: dict[_K, list[float]]) -> dict[_K, list[float]]:
+    both = defaultdict(list, {key: list(figures) for key, figures in one.items()})
+    for key, figures in other.items():
+        both[key] += figures
+    return both
 
 
 def _series(finding: Mapping[str, Any], figure: Mapping[str, Any]) -> Series:
     unit, kind = str(figure.get("unit") or ""), str(finding.get("kind") or "")
     return Series(finding["name"], unit, kind, str(figure["direction"]))
-
-
-def _delivered(row: Row) -> dict[Series, float]:
-    """What was lost on the way, of the nodes that are counted."""
-    found = {}
-    for name, figure in delivery(row).items():
-        unit, better = FIGURES[name]
-        found[Series(name, unit, left_out(row) if name == LOSS else "", better)] = figure
-    return found
 
 
 def recording_of(row: Row) -> str:
