@@ -5,7 +5,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -19,6 +19,7 @@ from bagpipe.binpiped.planning import Descriptor, fragments, pack, partitions_fo
 from bagpipe.binpiped.record import InputRecord
 from bagpipe.plan.bag_tail import MAGIC
 from bagpipe.storage import Storage, StorageError
+from bagpipe.storage.local import LocalBackend
 from bagpipe.wire.frames import Encoder, FrameType
 from tests.binpipe_conformance import DEADLINES, record
 from tests.unit.bagpipe.bags import Recorded, write_bag
@@ -158,7 +159,8 @@ def test_an_iteration_that_ends_early_leaves_no_process_behind(tmp_path: Path) -
     code = f"import os; open({str(mark)!r}, 'w').write(str(os.getpid()))\n" + EACH
     stream = exchange(
         python(code + "binpipe.write(b'x'); binpipe.flush()"),
-        (record(str(n)) for n in range(1000)),
+        # More than the pipe holds: a program that has read them all may have ended by itself.
+        (record(str(n)) for n in range(1_000_000)),
         DEADLINES,
     )
     next(stream)
@@ -177,6 +179,28 @@ def test_storage_that_fails_in_a_record_ends_the_program(
     settings = PartitionRun(python(EACH + "binpipe.write(r.read())"), DEADLINES, Storage({}))
     with pytest.raises(StorageError, match="is no longer the file that was planned"):
         list(settings.records([descriptor]))
+
+
+@pytest.mark.parametrize(
+    ("become", "what"), [(os.mkfifo, "no regular file"), (os.mkdir, "a folder, not a file")]
+)
+def test_a_file_that_became_something_else_is_refused_rather_than_waited_for(
+    tmp_path: Path, become: Callable[[Path], None], what: str
+) -> None:
+    (tmp_path / "a").write_bytes(b"A" * 10)
+    (descriptor,) = whole_files(Storage({}), [str(tmp_path / "a")])
+    (tmp_path / "a").unlink()
+    become(tmp_path / "a")
+    settings = PartitionRun(python(EACH + "binpipe.write(r.read())"), DEADLINES, Storage({}))
+    with pytest.raises(StorageError, match=f"/a can't be read: it is {what}"):
+        list(settings.records([descriptor]))
+
+
+def test_a_small_file_is_asked_for_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "a").write_bytes(b"A" * 10)
+    (descriptor,) = whole_files(Storage({}), [str(tmp_path / "a")])
+    monkeypatch.delattr(LocalBackend, "stat")
+    assert list(descriptor.open(Storage({})).pieces()) == [b"A" * 10]
 
 
 def test_a_gibibyte_in_and_out_leaves_the_worker_small(tmp_path: Path) -> None:

@@ -44,6 +44,31 @@ def test_a_file_that_became_a_link_after_it_was_looked_at_is_not_read(volume: Pa
         opened.read(0, 5)
 
 
+@pytest.mark.parametrize("target", ["../outside/token", "../volume-2/token", "/proc/self/environ"])
+def test_a_planned_file_that_became_a_link_that_leads_out_is_not_read(
+    volume: Path, target: str
+) -> None:
+    # Its name begins with the volume's.
+    (volume.parent / "volume-2").mkdir()
+    (volume.parent / "volume-2" / "token").write_text("another's")
+    storage = Storage({"r": str(volume)})
+    planned = storage.stat("pvc://r/drive.bag")
+    (volume / "drive.bag").unlink()
+    (volume / "drive.bag").symlink_to(target)
+    with pytest.raises(StorageError, match=LEADS_OUT):
+        storage.read_planned("pvc://r/drive.bag", planned.size, planned.version)
+
+
+def test_a_volume_is_read_through_a_link_to_itself(volume: Path) -> None:
+    (volume.parent / "mounted").symlink_to("volume")
+    (volume / "evil.bag").symlink_to("../outside/token")
+    storage = Storage({"r": f"{volume.parent}/mounted/"})
+    planned = storage.stat("pvc://r/drive.bag")
+    assert storage.read_planned("pvc://r/drive.bag", 11, planned.version) == b"a recording"
+    with pytest.raises(StorageError, match=LEADS_OUT):
+        storage.read_planned("pvc://r/evil.bag", 1, "")
+
+
 WRITES: dict[str, Callable[[Storage, str], object]] = {
     "create": lambda storage, uri: storage.create(uri).__enter__(),
     "put_once": lambda storage, uri: storage.put_once(uri, b"x"),

@@ -57,6 +57,9 @@ class Descriptor:
         if self.parts:
             data = self._joined(storage)
             return InputRecord(self.name, len(data), lambda: payloads(data), self.fields)
+        if length := self._one_piece:
+            whole = partial(self._whole, storage, length)
+            return InputRecord(self.name, length, whole, self.fields)
 
         def pieces() -> Iterable[bytes]:
             if self.head:
@@ -67,6 +70,17 @@ class Descriptor:
                 yield self.end
 
         return InputRecord(self.name, self.size, lambda: iter(pieces()), self.fields)
+
+    @property
+    def _one_piece(self) -> int:
+        """Bytes of a record that is the beginning of a file and fits a frame; 0 for others."""
+        if len(self.ranges) != 1 or self.head or self.end or not self.version:
+            return 0
+        offset, length = self.ranges[0]
+        return length if offset == 0 and length <= MAX_PAYLOAD_BYTES else 0
+
+    def _whole(self, storage: Storage, length: int) -> Iterator[bytes]:
+        return iter((storage.read_planned(self.uri, length, self.version),))
 
     def _joined(self, storage: Storage) -> bytes:
         """The parts as one file of MCAP, in memory. Raises StorageError."""

@@ -1,7 +1,8 @@
 """Records on their way: what goes into the pipe and what comes out of it."""
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from types import MappingProxyType
 from typing import NamedTuple
 
 Field = str | int | bytes
@@ -16,17 +17,16 @@ class Record(NamedTuple):
     data: bytes
 
 
-@dataclass(frozen=True)
-class InputRecord:
+class InputRecord(NamedTuple):
     """One input record: `size` bytes, which `pieces` yields in pieces of at most 1 MiB."""
 
     name: str
     size: int
     pieces: Callable[[], Iterator[bytes | memoryview]]
-    fields: Mapping[str, Field] = field(default_factory=dict)
+    fields: Mapping[str, Field] = MappingProxyType({})
 
 
-@dataclass
+@dataclass(slots=True)
 class OutputHead:
     """What the program says before a record's bytes; `size` None means until they end."""
 

@@ -29,12 +29,16 @@ def storage_errors(uri: str, done: str) -> Iterator[None]:
     """Turn a backend's errors into StorageError: `uri` can't be `done` ("read", "written")."""
     try:
         yield
-    except ChangedError as error:
-        raise StorageError(
+    except OSError as error:
+        raise refusal(error, uri, done) from error
+
+
+def refusal(error: OSError, uri: str, done: str) -> StorageError:
+    """What a backend's error is to the one who asked: `uri` can't be `done`."""
+    if isinstance(error, ChangedError):
+        return StorageError(
             f"{uri} is no longer the file that was planned: it was replaced or appended to; run"
             " the job again when nothing writes to it"
-        ) from error
-    except UnfitError as error:
-        raise StorageUnfitError(f"{uri} can't be {done}: {error.strerror or error}") from error
-    except OSError as error:
-        raise StorageError(f"{uri} can't be {done}: {error.strerror or error}") from error
+        )
+    sentence = f"{uri} can't be {done}: {error.strerror or error}"
+    return StorageUnfitError(sentence) if isinstance(error, UnfitError) else StorageError(sentence)

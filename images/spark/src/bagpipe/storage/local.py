@@ -17,7 +17,9 @@ _NO_LINKS = {errno.EPERM, errno.ENOTSUP, errno.ENOSYS, errno.EMLINK}
 
 
 # The process's own secrets (its environment, its token), by whatever link they are reached.
-_NEVER = tuple(Path(path) for path in ("/proc", "/sys", "/run/secrets", "/var/run/secrets"))
+_NEVER = ("/proc/", "/sys/", "/run/secrets/", "/var/run/secrets/")
+# A pipe that lies where a file was planned must not be waited for.
+_READ_ONLY = os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK
 
 
 class LocalBackend:
@@ -30,24 +32,20 @@ class LocalBackend:
     gap_bytes = 0
 
     def __init__(self, root: str) -> None:
-        self._root = Path(root).resolve()
         self._given = root.rstrip("/")
 
     def stat(self, path: str) -> Stat:
         """Size and version of a file; FileNotFoundError where there is none."""
-        self._inside(Path(path).resolve())
-        found = Path(path).stat()
-        if not stat.S_ISREG(found.st_mode):
-            raise FileNotFoundError(errno.ENOENT, "it is a folder, not a file", path)
-        return _stat(found)
+        self._inside(os.path.realpath(path))
+        return _stat(os.stat(path), path)  # noqa: PTH116  a thousand a second
 
     def read(self, path: str, offset: int, length: int, version: str) -> bytes:
         """Bytes from `offset`, fewer only where the file was cut off this moment."""
-        descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+        descriptor = os.open(path, _READ_ONLY)
         try:
             # What was opened, not what a link says by now.
-            self._inside(Path(f"/proc/self/fd/{descriptor}").readlink())
-            if _stat(os.fstat(descriptor)).version != version:
+            self._inside(os.readlink(f"/proc/self/fd/{descriptor}"))  # noqa: PTH115  as above
+            if _version(os.fstat(descriptor), path) != version:
                 raise ChangedError
             return os.pread(descriptor, length, offset)
         finally:
@@ -57,11 +55,13 @@ class LocalBackend:
         """The files that a pattern matches; a name that begins with a dot only where it says so."""
         below = pattern.removeprefix(self._given)
         # A folder that was mounted, or given, may have any name: it is no part of the pattern.
-        return matching(f"{glob.escape(self._given)}{below}", self._inside)
+        return matching(
+            f"{glob.escape(self._given)}{below}", lambda found: self._inside(str(found))
+        )
 
     def names(self, folder: str) -> list[str]:
         """The names in a folder; empty where it does not exist."""
-        self._inside(Path(folder).resolve())
+        self._inside(os.path.realpath(folder))
         try:
             return [entry.name for entry in Path(folder).iterdir()]
         except (FileNotFoundError, NotADirectoryError):
@@ -69,12 +69,12 @@ class LocalBackend:
 
     def remove(self, path: str) -> None:
         """Remove a file that may be gone already."""
-        self._inside(Path(path).parent.resolve())
+        self._inside(os.path.realpath(Path(path).parent))
         Path(path).unlink(missing_ok=True)
 
     def create(self, path: str) -> "LocalSink":
         """Begin a file, making its folders."""
-        self._inside(Path(path).parent.resolve())
+        self._inside(os.path.realpath(Path(path).parent))
         return LocalSink(path)
 
     def put_once(self, path: str, data: bytes, writer: str) -> bool:
@@ -83,7 +83,7 @@ class LocalBackend:
         Over a network the answer may be another try's: a server that made the link, and was asked
         again because its word was lost, says that the name is taken. The file knows better.
         """
-        self._inside(Path(path).parent.resolve())
+        self._inside(os.path.realpath(Path(path).parent))
         sink = LocalSink(path, writer)
         try:
             sink.write(data)
@@ -92,13 +92,23 @@ class LocalBackend:
         finally:
             sink.abandon()
 
-    def _inside(self, found: Path) -> None:
-        if not found.is_relative_to(self._root) or any(map(found.is_relative_to, _NEVER)):
+    def _inside(self, found: str) -> None:
+        """Refuse a path without links that is not below `root`, or is the process's own."""
+        folder = f"{found}/"
+        if not self._is_below_root(folder) or folder.startswith(_NEVER):
             raise PermissionError(
                 errno.EPERM,
                 "a symbolic link leads out of the volume: put the file itself there",
-                str(found),
+                found,
             )
+
+    def _is_below_root(self, folder: str) -> bool:
+        # A path without links that begins with the root as it was given: that has none either, so
+        # that it need not be looked at for each file.
+        if folder.startswith(f"{self._given}/"):
+            return True
+        root = os.path.realpath(self._given or "/")
+        return folder.startswith(f"{root.rstrip('/')}/")
 
 
 class LocalSink:
@@ -171,5 +181,12 @@ def _is_linked(sink: LocalSink) -> bool:
         return False
 
 
-def _stat(found: os.stat_result) -> Stat:
-    return Stat(found.st_size, f"{found.st_size}-{found.st_mtime_ns}")
+def _stat(found: os.stat_result, path: str) -> Stat:
+    return Stat(found.st_size, _version(found, path))
+
+
+def _version(found: os.stat_result, path: str) -> str:
+    if not stat.S_ISREG(found.st_mode):
+        what = "a folder, not a file" if stat.S_ISDIR(found.st_mode) else "no regular file"
+        raise FileNotFoundError(errno.ENOENT, f"it is {what}", path)
+    return f"{found.st_size}-{found.st_mtime_ns}"

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 
 from obstore import exceptions
 
-from bagpipe.storage.backend import TransientError
+from bagpipe.storage.backend import ChangedError, TransientError
 
 _STATUS = re.compile(r"status code: (\d{3})")
 _CODE = re.compile(r"<Code>([A-Za-z]{1,64})</Code>")
@@ -99,6 +99,8 @@ def _answered(status: str, code: str, reply: str) -> OSError:
         return TransientError(f"the server answered {reply}")
     if status == "404":
         return FileNotFoundError(f"the server answered {reply}")
+    if status == "416":  # what is asked for lay in the file as it was planned
+        return ChangedError(f"the server answered {reply}")
     return OSError(f"the server answered {reply}: check the URI, the endpoint and the region")
 
 

@@ -128,20 +128,32 @@ class OpenFile:
             pool.shutdown(wait=False, cancel_futures=True)
 
     def _fetch(self, request: Request) -> bytes:
-        """The whole answer to one request: a broken one goes on at the byte where it broke."""
-        attempts = Attempts(self._patience, self._clock)
-        data = bytearray()
-        while len(data) < request.length:
-            at = request.offset + len(data)
-            wanted = request.length - len(data)
-            try:
-                more = self._backend.read(self._path, at, wanted, self.version)
-                if not data and len(more) == wanted:
-                    return more
-                data += more
-                if len(more) < wanted:
-                    at += len(more)
-                    raise TransientError(f"the answer broke off {wanted - len(more)} bytes early")
-            except TransientError as error:
-                attempts.failed(error, f"at byte {at}: ")
-        return bytes(data)
+        """The whole answer to one request."""
+        asked = request.offset, request.length
+        return fetch(self._backend, self._path, asked, self.version, (self._patience, self._clock))
+
+
+def fetch(
+    backend: Backend, path: str, asked: Range, version: str, waiting: tuple[Patience, Clock]
+) -> bytes:
+    """One (offset, length) range, whole: a broken answer goes on at the byte where it broke.
+
+    Raises OSError.
+    """
+    offset, length = asked
+    attempts = Attempts(*waiting)
+    data = bytearray()
+    while len(data) < length:
+        at = offset + len(data)
+        wanted = length - len(data)
+        try:
+            more = backend.read(path, at, wanted, version)
+            if not data and len(more) == wanted:
+                return more
+            data += more
+            if len(more) < wanted:
+                at += len(more)
+                raise TransientError(f"the answer broke off {wanted - len(more)} bytes early")
+        except TransientError as error:
+            attempts.failed(error, f"at byte {at}: ")
+    return bytes(data)

@@ -7,12 +7,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TypeVar
 
-from bagpipe.storage.backend import Sink, Stat
-from bagpipe.storage.faults import StorageError, StorageUnfitError, storage_errors
+from bagpipe.storage.backend import ChangedError, Sink, Stat
+from bagpipe.storage.faults import StorageError, StorageUnfitError, refusal, storage_errors
 from bagpipe.storage.folders import once, real_paths
 from bagpipe.storage.globs import is_pattern
 from bagpipe.storage.kinds import locate, restore
-from bagpipe.storage.reading import OpenFile
+from bagpipe.storage.reading import OpenFile, fetch
 from bagpipe.storage.retries import Clock, Patience, persistently
 
 T = TypeVar("T")
@@ -96,10 +96,7 @@ class Storage:
         with storage_errors(uri, "read"):
             stat = self._asked(lambda: backend.stat(path))
         if version and stat.version != version:
-            raise StorageError(
-                f"{uri} is no longer the file that was planned: it was replaced or appended to;"
-                " run the job again when nothing writes to it"
-            )
+            raise refusal(ChangedError(), uri, "read")
         return OpenFile(uri, stat, backend, path, self.patience, self.clock)
 
     def stat(self, uri: str) -> Stat:
@@ -132,6 +129,17 @@ class Storage:
         one that had `version` (empty: the one that is there when reading begins).
         """
         yield from self.open(uri, version).pieces(ranges, piece_bytes)
+
+    def read_planned(self, uri: str, length: int, version: str) -> bytes:
+        """The first `length` bytes, 4 MiB at most, of the file that had `version`: one request.
+
+        Raises StorageError also where it is no longer that file.
+        """
+        backend, path = locate(uri, self.volumes, self.patience)
+        try:
+            return fetch(backend, path, (0, length), version, (self.patience, self.clock))
+        except OSError as error:
+            raise refusal(error, uri, "read") from error
 
     @contextmanager
     def create(self, uri: str) -> Iterator["NewFile"]:
