@@ -7,10 +7,15 @@ from pathlib import Path
 
 import pytest
 
-from bagpipe.own_packages import own_environment_of
-
 ROOT = Path(__file__).parents[3]
 OURS = [str(ROOT / "images/spark/src"), str(ROOT / "operator/src")]
+SLOT = """
+from bagpipe.driver import own_packages_first, slot_server
+slot = slot_server.forks().Process(target=exec, args=("import numpy, rclpy; print(rclpy.place)",))
+slot.start()
+slot.join(60)
+raise SystemExit(slot.exitcode)
+"""
 
 
 @pytest.fixture
@@ -22,12 +27,21 @@ def theirs(tmp_path: Path) -> str:
     return str(tmp_path)
 
 
-def test_the_program_takes_its_own_packages_and_still_finds_those_of_others(theirs: str) -> None:
-    script = "import bagpipe.cli, numpy, rclpy; print(rclpy.place)"
-    path = os.pathsep.join([theirs, *OURS])
+@pytest.mark.parametrize("added", ["bagpipe_engines", "bagpipe_sources", ""])
+@pytest.mark.parametrize(
+    "script",
+    ["import bagpipe.cli, numpy, rclpy; print(rclpy.place)", SLOT],
+    ids=["program", "slot"],
+)
+def test_own_packages_are_taken_and_those_of_others_still_found(
+    theirs: str, tmp_path: Path, script: str, added: str
+) -> None:
+    """Also where an engine or a source that somebody adds comes first."""
+    more = tmp_path / "more"
+    (more / (added or "nothing") / "toy").mkdir(parents=True)
     done = subprocess.run(
         [sys.executable, "-c", script],
-        env=os.environ | {"PYTHONPATH": path},
+        env=os.environ | {"PYTHONPATH": os.pathsep.join([theirs, str(more), *OURS])},
         capture_output=True,
         text=True,
         check=False,
@@ -36,8 +50,15 @@ def test_the_program_takes_its_own_packages_and_still_finds_those_of_others(thei
     assert (done.returncode, done.stdout) == (0, f"{theirs}/rclpy.py\n"), done.stderr
 
 
-def test_a_program_of_ours_is_given_what_is_ours_of_the_path(theirs: str) -> None:
-    given = {"PYTHONPATH": os.pathsep.join([theirs, OURS[0], "", OURS[1]]), "HOME": "/h"}
-    assert own_environment_of(given) == {"PYTHONPATH": os.pathsep.join(OURS), "HOME": "/h"}
-    assert own_environment_of({"PYTHONPATH": theirs, "HOME": "/h"}) == {"HOME": "/h"}
-    assert own_environment_of({"HOME": "/h"}) == {"HOME": "/h"}
+@pytest.mark.parametrize("added", ["bagpipe_engines", "bagpipe_sources"])
+def test_what_adds_an_engine_or_a_source_stays_in_front(tmp_path: Path, added: str) -> None:
+    (tmp_path / added).mkdir()
+    done = subprocess.run(
+        [sys.executable, "-c", "import bagpipe.cli, sys; print(sys.path[1])"],
+        env=os.environ | {"PYTHONPATH": os.pathsep.join([str(tmp_path), *OURS])},
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=120,
+    )
+    assert done.stdout == f"{tmp_path}\n"

@@ -6,26 +6,18 @@ would be taken for ours. The stack keeps it as it is.
 
 import os
 import sys
-from collections.abc import Mapping
 from pathlib import Path
+
+# Our packages, and those to which others add engines and sources (`installed`).
+_OURS = ("bagpipe", "bagpipe_operator", "bagpipe_engines", "bagpipe_sources")
 
 
 def before_others() -> None:
-    """Has this process look for modules in PYTHONPATH last, but where Bagpipe itself comes from."""
-    others = [folder for folder in _folders(os.environ) if not _has_bagpipe(folder)]
+    """Has this process look for modules in PYTHONPATH last, but where Bagpipe's own come from."""
+    given = os.environ.get("PYTHONPATH", "").split(os.pathsep)
+    others = [folder for folder in given if folder and not _is_ours(folder)]
     sys.path[:] = [p for p in sys.path if p not in others] + [p for p in sys.path if p in others]
 
 
-def own_environment_of(environment: Mapping[str, str]) -> dict[str, str]:
-    """An environment for a program of ours: without what of PYTHONPATH is somebody else's."""
-    own = {name: value for name, value in environment.items() if name != "PYTHONPATH"}
-    kept = [folder for folder in _folders(environment) if _has_bagpipe(folder)]
-    return own | ({"PYTHONPATH": os.pathsep.join(kept)} if kept else {})
-
-
-def _folders(environment: Mapping[str, str]) -> list[str]:
-    return [folder for folder in environment.get("PYTHONPATH", "").split(os.pathsep) if folder]
-
-
-def _has_bagpipe(folder: str) -> bool:
-    return any(Path(folder).glob("bagpipe*/__init__.py"))
+def _is_ours(folder: str) -> bool:
+    return any(Path(folder, name).is_dir() for name in _OURS)

@@ -14,7 +14,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import IO, BinaryIO
 
-from bagpipe.own_packages import own_environment_of
 from bagpipe.run.with_parent import die_with_parent
 
 Process = subprocess.Popen[bytes]
@@ -84,7 +83,6 @@ def _started(errors: int | IO[bytes]) -> Process:
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=errors,
-        env=own_environment_of(os.environ),
         start_new_session=True,
         preexec_fn=die_with_parent,  # noqa: PLW1509  one system call, before any thread
     )

@@ -10,7 +10,7 @@ import sys
 if __name__ == "__main__":
     import signal
 
-    from bagpipe.driver import slot_server
+    from bagpipe.driver import own_packages_first, slot_server  # noqa: F401
     from bagpipe.driver.streams import awaited, own_stdout
 
     asked: list[int] = []

@@ -11,7 +11,7 @@ import os
 import tempfile
 from multiprocessing.context import ForkServerContext
 
-_PRELOADED = ["bagpipe.run.case_run"]
+_PRELOADED = ["bagpipe.driver.own_packages_first", "bagpipe.run.case_run"]
 # A socket's path has at most 107 bytes, of which multiprocessing's own names below the folder of
 # temporary files take 32.
 _LONGEST_FOLDER = 107 - 32
