@@ -179,16 +179,20 @@ test-agent: preflight-all
 fastdds: preflight-all
 	$(STEP) "Building the endpoint over Fast DDS" -- python3 -m tests.ros2_standin fastdds
 
-# As their lock names them, each with its hash; no script of theirs is run. Node.js is in .venv.
+# The packages that a folder's lock ($(1)) names, each with its hash, into another ($(2)), unless they
+# are there; no script of theirs is run. Node.js is in .venv.
+define NPM_CI
+bash -euc 'if [ -d "$(2)/node_modules" ] && cmp -s $(1)/package-lock.json "$(2)/package-lock.json"; then exit; fi; \
+	    rm -rf "$(2).new"; mkdir -p "$(2).new"; cp $(1)/package*.json "$(2).new"; \
+	    PATH="$$PWD/.venv/bin:$$PATH" npm ci --prefix "$(2).new" --ignore-scripts --no-audit --no-fund --silent; \
+	    rm -rf "$(2)"; mv "$(2).new" "$(2)"'
+endef
 NPM_LOCK := images/agent/crates/mcap/tests/languages
 NPM_FOLDER := $(BAGPIPE_CACHE)/npm/mcap
 .PHONY: npm-packages
 npm-packages: $(VENV)
 	$(STEP) "Getting npm's packages" --if-it-fails "Is the npm registry reachable? Then run it again." -- \
-	  bash -euc 'if [ -d "$(NPM_FOLDER)/node_modules" ] && cmp -s $(NPM_LOCK)/package-lock.json "$(NPM_FOLDER)/package-lock.json"; then exit; fi; \
-	    rm -rf "$(NPM_FOLDER).new"; mkdir -p "$(NPM_FOLDER).new"; cp $(NPM_LOCK)/package*.json "$(NPM_FOLDER).new"; \
-	    PATH="$$PWD/.venv/bin:$$PATH" npm ci --prefix "$(NPM_FOLDER).new" --ignore-scripts --no-audit --no-fund --silent; \
-	    rm -rf "$(NPM_FOLDER)"; mv "$(NPM_FOLDER).new" "$(NPM_FOLDER)"'
+	  $(call NPM_CI,$(NPM_LOCK),$(NPM_FOLDER))
 
 # Nothing else needs these 300 packages: Grafana's components, which draw the dashboards.
 PICTURES_LOCK := tests/pictures/board
@@ -196,8 +200,7 @@ PICTURES_FOLDER := $(BAGPIPE_CACHE)/npm/pictures
 .PHONY: pictures
 pictures: preflight-all venv test-programs recording agent ## Make the documentation's pictures of dashboards and report again
 	$(STEP) "Getting Grafana's components" --if-it-fails "Is the npm registry reachable? Then run it again." -- \
-	  bash -euc 'rm -rf "$(PICTURES_FOLDER)"; mkdir -p "$(PICTURES_FOLDER)"; cp $(PICTURES_LOCK)/package*.json "$(PICTURES_FOLDER)"; \
-	    PATH="$$PWD/.venv/bin:$$PATH" npm ci --prefix "$(PICTURES_FOLDER)" --ignore-scripts --no-audit --no-fund --silent'
+	  $(call NPM_CI,$(PICTURES_LOCK),$(PICTURES_FOLDER))
 	$(STEP) "Making pictures" -- env BAGPIPE_PICTURES_PACKAGES="$(PICTURES_FOLDER)" $(PYTEST) tests/pictures/make.py
 
 # Without ROS or the recording its tests fail; BAGPIPE_WITHOUT_ROS=1 leaves out what needs ROS.

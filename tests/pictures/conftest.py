@@ -11,7 +11,7 @@ from tests.integration.control_plane.conftest import (
     namespace,
     operator_process,
 )
-from tests.integration.control_plane.test_dashboards import cases, drivers
+from tests.integration.control_plane.test_dashboards import cases, drivers, prometheus
 
 __all__ = [
     "_helm",
@@ -25,5 +25,6 @@ __all__ = [
     "kubelet",
     "namespace",
     "operator_process",
+    "prometheus",
     "start_agent",
 ]

@@ -11,7 +11,7 @@ from PIL import Image
 from selenium import webdriver
 from selenium.webdriver.common.by import By
 
-from tests.integration.chromium import logged
+from tests.integration.chromium import logged, screen
 from tests.waiting import PATIENCE, wait_until
 
 SOURCES = Path(__file__).parent / "board"
@@ -48,23 +48,17 @@ def draw_board(
         f'<body><div id="root"></div><script>{script}</script><script src="page.js"></script>'
     )
     panels = sum(panel["type"] != "row" for panel in board["panels"])
-    with_width(browser, 1200)
     logged(browser, "browser")
-    browser.get(page.as_uri())
 
     def all_there() -> bool:
         return bool(len(browser.find_elements(By.CSS_SELECTOR, ".panel section")) == panels)
 
-    wait_until(all_there, PATIENCE, f"not all {panels} panels of {board['title']} were drawn")
-    thrown = [entry for entry in logged(browser, "browser") if "Uncaught" in entry["message"]]
-    assert thrown == []
-    photograph(browser, picture)
-
-
-def with_width(browser: webdriver.Chrome, width: int) -> None:
-    """The browser's page gets so many pixels; below 500 it is a phone's."""
-    size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 500}
-    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    with screen(browser, 1200):
+        browser.get(page.as_uri())
+        wait_until(all_there, PATIENCE, f"not all {panels} panels of {board['title']} were drawn")
+        thrown = [entry for entry in logged(browser, "browser") if "Uncaught" in entry["message"]]
+        assert thrown == []
+        photograph(browser, picture)
 
 
 def photograph(browser: webdriver.Chrome, picture: Path, height: int | None = None) -> None:

@@ -7,7 +7,6 @@ of jobs on a fake kubelet; the report is of drawn figures.
 import json
 import os
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,18 +15,17 @@ from selenium import webdriver
 from selenium.webdriver.common.by import By
 
 from bagpipe.run.case_run import Row
+from tests.integration.chromium import screen
 from tests.integration.control_plane.client import Client
-from tests.integration.control_plane.conftest import StartOperator
 from tests.integration.control_plane.due_schedules import start_run
-from tests.integration.control_plane.fake_driver import PORT, fake_driver
+from tests.integration.control_plane.fake_driver import fake_driver
 from tests.integration.control_plane.fake_kubelet import FakeKubelet
 from tests.integration.control_plane.observe import create_jobs, statuses
 from tests.integration.control_plane.prometheus_server import Prometheus
-from tests.integration.control_plane.test_dashboards import AGENT, DRIVERS, RECEIVERS, run_jobs
+from tests.integration.control_plane.test_dashboards import run_jobs
 from tests.integration.report.drives import drive_rows, report_of
-from tests.integration.storage.servers import Server, listens
 from tests.pictures.answers import answers
-from tests.pictures.drawing import bundled, draw_board, photograph, with_width
+from tests.pictures.drawing import bundled, draw_board, photograph
 from tests.unit.operator.builders import account
 from tests.waiting import PATIENCE, wait_until
 
@@ -45,22 +43,6 @@ pytestmark = pytest.mark.timeout(1800)
 def packages() -> Path:
     """Where npm has put what the page is made of."""
     return Path(os.environ["BAGPIPE_PICTURES_PACKAGES"])
-
-
-@pytest.fixture
-def prometheus(
-    operator_process: StartOperator, drivers: Server, cases: Server, tmp_path: Path
-) -> Iterator[Prometheus]:
-    """One that reaches an operator, two drivers and an agent."""
-    assert cases.log.exists()
-    operator = operator_process(BAGPIPE_NOTIFICATIONS=RECEIVERS)
-    drivers.await_ready(lambda: listens(PORT, DRIVERS["steps"]), PATIENCE)
-    targets = [f"127.0.0.1:{operator.port}", AGENT, *(f"{ip}:{PORT}" for ip in DRIVERS.values())]
-    rules = ROOT / "charts/bagpipe/files/alerts.yaml"
-    made = Prometheus.started(tmp_path / "prometheus", targets, rules)
-    wait_until(lambda: made.up() == 4, PATIENCE, "Prometheus does not reach its targets")
-    yield made
-    made.server.kill()
 
 
 def test_dashboards(
@@ -145,10 +127,11 @@ def test_report(
     page.write_bytes(report_of(rows, "pvc://results/out/lane-nightly/u"))
     feature = {"name": "prefers-color-scheme", "value": scheme}
     browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": [feature]})
-    with_width(browser, width)
-    browser.get(page.as_uri())
-    wait_until(lambda: bool(browser.find_elements(By.CSS_SELECTOR, "svg, canvas")), PATIENCE, "")
-    photograph(browser, PICTURES / f"{name}.png", height=height)
+    with screen(browser, width):
+        browser.get(page.as_uri())
+        drawn = "svg, canvas"
+        wait_until(lambda: bool(browser.find_elements(By.CSS_SELECTOR, drawn)), PATIENCE, "")
+        photograph(browser, PICTURES / f"{name}.png", height=height)
 
 
 def pair(row: Row) -> tuple[Any, ...]:

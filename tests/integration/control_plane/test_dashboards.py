@@ -74,40 +74,48 @@ def cases(tmp_path: Path, start_agent: Callable[..., RunningAgent]) -> Iterator[
     server.kill()
 
 
-def test_every_panel_and_every_alert_has_data(
-    admin: Client, namespace: str, kubelet: FakeKubelet, operator_process: StartOperator,
-    drivers: Server, cases: Server, tmp_path: Path,
-) -> None:  # fmt: skip
+@pytest.fixture
+def prometheus(
+    operator_process: StartOperator, drivers: Server, cases: Server, tmp_path: Path
+) -> Iterator[Prometheus]:
+    """One that reaches an operator, two drivers and an agent; killed after the test."""
+    assert cases.log.exists()
     operator = operator_process(BAGPIPE_NOTIFICATIONS=RECEIVERS)
     drivers.await_ready(lambda: listens(PORT, DRIVERS["steps"]), PATIENCE)
-    targets = [f"127.0.0.1:{operator.port}", AGENT]
-    targets += [f"{ip}:{PORT}" for ip in DRIVERS.values()]
+    targets = [f"127.0.0.1:{operator.port}", AGENT, *(f"{ip}:{PORT}" for ip in DRIVERS.values())]
     rules = ROOT / "charts/bagpipe/files/alerts.yaml"
-    prometheus = Prometheus.started(tmp_path / "prometheus", targets, rules)
+    made = Prometheus.started(tmp_path / "prometheus", targets, rules)
     try:
-        wait_until(lambda: prometheus.up() == 4, PATIENCE, "Prometheus does not reach its targets")
-        run_jobs(admin, namespace, kubelet)
-        asked = all_questions(namespace, list(DRIVERS))
-        assert len(asked) > 100
-        left: set[str] = set()
-
-        def all_there() -> bool:
-            left.clear()
-            left.update(without_data(prometheus, asked))
-            # Not less: what is excused has data while a busy target misses its scrape.
-            return left == set(EXCUSED)
-
-        try:
-            # Spark starts within this, and on a busy machine it takes most of it.
-            wait_until(all_there, 4 * PATIENCE, "")
-        except AssertionError:
-            logs = [process.log.read_text()[-1500:] for process in (drivers, cases)]
-            assert left == set(EXCUSED), f"{sorted(left)}\n{logs}"
-        assert_jobs_can_be_chosen(prometheus, namespace)
-        assert_rules_are_judged(prometheus)
-        assert_failures_are_seen(prometheus)
+        wait_until(lambda: made.up() == 4, PATIENCE, "Prometheus does not reach its targets")
+        yield made
     finally:
-        prometheus.server.kill()
+        made.server.kill()
+
+
+def test_every_panel_and_every_alert_has_data(
+    admin: Client, namespace: str, kubelet: FakeKubelet, prometheus: Prometheus, drivers: Server,
+    cases: Server,
+) -> None:  # fmt: skip
+    run_jobs(admin, namespace, kubelet)
+    asked = all_questions(namespace, list(DRIVERS))
+    assert len(asked) > 100
+    left: set[str] = set()
+
+    def all_there() -> bool:
+        left.clear()
+        left.update(without_data(prometheus, asked))
+        # Not less: what is excused has data while a busy target misses its scrape.
+        return left == set(EXCUSED)
+
+    try:
+        # Spark starts within this, and on a busy machine it takes most of it.
+        wait_until(all_there, 4 * PATIENCE, "")
+    except AssertionError:
+        logs = [process.log.read_text()[-1500:] for process in (drivers, cases)]
+        assert left == set(EXCUSED), f"{sorted(left)}\n{logs}"
+    assert_jobs_can_be_chosen(prometheus, namespace)
+    assert_rules_are_judged(prometheus)
+    assert_failures_are_seen(prometheus)
 
 
 def run_jobs(admin: Client, namespace: str, kubelet: FakeKubelet) -> None:

@@ -157,8 +157,9 @@ def _met(wanted: Separation, evidence: Evidence) -> Met:
     if not any(points for _, points in scenes):
         raise NoEvidenceError(f"no obstacle was ever on {wanted.obstacles}")
     age = duration_nanoseconds(wanted.max_age)
-    with_ego = _with_ego(course, scenes, age)
-    near = _between(course, scenes, age, evidence.end)
+    way = Way(course, age)
+    with_ego = _with_ego(course, way, scenes, age)
+    near = _between(course, way, scenes, age, evidence.end)
     lost = [(each.begin, each.until) for each in near.unknown if each.metres < _too_near(wanted)]
     return Met(
         course,
@@ -176,13 +177,12 @@ def _when(sample: Sample, stamped: bool) -> int:
 
 
 def _with_ego(
-    course: list[tuple[int, Point]], scenes: list[tuple[int, list[Point]]], age: int
+    course: list[tuple[int, Point]], way: Way, scenes: list[tuple[int, list[Point]]], age: int
 ) -> list[tuple[int, Point, list[Point]]]:
     """The scenes with the ego's pose that was known then, or comes soon after the first ones;
     without those at which it was too old.
     """
     found = []
-    way = Way(course, age)
     at = 0
     for time, points in scenes:
         while at + 1 < len(course) and course[at + 1][0] <= time:
@@ -275,7 +275,11 @@ def _paired(scenes: list[tuple[int, Point, list[Point]]]) -> list[Pair]:
 
 
 def _between(
-    course: list[tuple[int, Point]], scenes: list[tuple[int, list[Point]]], age: int, end: int
+    course: list[tuple[int, Point]],
+    way: Way,
+    scenes: list[tuple[int, list[Point]]],
+    age: int,
+    end: int,
 ) -> "Approaches":
     """How near the ego came to obstacles between the scenes and behind the last ones."""
     # Other criteria, and the start of a laptop's run, need neither numpy nor scipy.
@@ -284,7 +288,7 @@ def _between(
     places = itertools.chain((ego for _, ego in course), *(points for _, points in scenes))
     if not all(math.isfinite(number) for place in places for number in place):
         return Approaches([], [], [])  # which fails it
-    return approaches(Way(course, age), scenes, age, end)
+    return approaches(way, scenes, age, end)
 
 
 def _distance(ego: Point, obstacle: Point) -> float:

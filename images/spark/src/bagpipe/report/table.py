@@ -12,23 +12,18 @@ from bagpipe.row_facts import discarded_runs, quarantine_words
 
 Row = Mapping[str, Any]
 
-_BOUND = pa.struct(
-    [
-        ("outcome", pa.string()),
-        ("figure", pa.float64()),
-        ("unit", pa.string()),
-        ("limit", pa.string()),
-        ("direction", pa.string()),
-    ]
-)
+_MEASURED = [
+    ("outcome", pa.string()),
+    ("figure", pa.float64()),
+    ("unit", pa.string()),
+    ("limit", pa.string()),
+]
+_BOUND = pa.struct([*_MEASURED, ("direction", pa.string())])
 _CRITERION = pa.struct(
     [
         ("name", pa.string()),
         ("kind", pa.string()),
-        ("outcome", pa.string()),
-        ("figure", pa.float64()),
-        ("unit", pa.string()),
-        ("limit", pa.string()),
+        *_MEASURED,
         ("message", pa.string()),
         ("expected_failure", pa.bool_()),
         ("coverage", pa.float64()),
