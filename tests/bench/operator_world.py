@@ -218,8 +218,14 @@ async def _install(client: Client) -> None:
 def node(number: int) -> Object:
     """A node of KWOK's with room for everything that the bench creates."""
     room = {"cpu": "10k", "memory": "100Ti", "pods": "100k"}
+    # As a kubelet labels its node; the operator's pods select by it (BAGPIPE_ARCHITECTURE).
+    labels = {"kubernetes.io/arch": "amd64", "kubernetes.io/os": "linux"}
     return {
-        "metadata": {"name": f"kwok-{number}", "annotations": {"kwok.x-k8s.io/node": "fake"}},
+        "metadata": {
+            "name": f"kwok-{number}",
+            "labels": labels,
+            "annotations": {"kwok.x-k8s.io/node": "fake"},
+        },
         "status": {"allocatable": room, "capacity": room},
     }
 
