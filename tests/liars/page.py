@@ -52,7 +52,7 @@ def _parts() -> Iterator[str]:
 def _lines(rows: Iterable[Row]) -> Iterator[str]:
     for row in rows:
         outcome = " or ".join(f"`{word}`" for word in row.outcome.split("|"))
-        reason = f", {row.reason.replace('|', ' or ')}" if row.reason else ""
+        reason = f", {row.reason}" if row.reason else ""
         yield f"| {row.does} | {_asked(row.asked)} | {outcome}{reason} |"
 
 

@@ -11,7 +11,7 @@ PYTHON = "/usr/bin/python3"
 
 @dataclass(frozen=True)
 class Row:
-    """One stack. `outcome` and `reason` may name several, by bars; `says` is in the message."""
+    """One stack. `outcome` may name several, by bars; `says` are pieces of the message."""
 
     name: str
     of: str

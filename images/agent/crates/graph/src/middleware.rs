@@ -1,6 +1,6 @@
 //! A middleware, and our node in its graph.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Debug;
 use std::sync::Arc;
 use std::time::Duration;
@@ -104,6 +104,12 @@ pub trait Node: Send + Sync {
 
     /// How many publishers of a topic we read from.
     fn publishers_of(&self, topic: &str) -> usize;
+
+    /// The connections to publishers that latch although their introductions had it otherwise. Each
+    /// that may be such is asked once more, and is left out if it does not answer within `limit`.
+    fn latching_after_all(&self, _limit: Duration) -> BTreeSet<u64> {
+        BTreeSet::new()
+    }
 
     /// Waits until everything that has reached us by now has been handed to the sink, at most
     /// for `limit`. Where [`Node::counts_publishes`], all that was published by now.

@@ -59,6 +59,10 @@ struct State {
     /// By topic and publisher, what of their messages is in force, and its bytes in all.
     latched: BTreeMap<(String, String), VecDeque<Latched>>,
     latched_bytes: u64,
+    /// Connections whose publishers latch, although their introductions have it otherwise.
+    latching: BTreeSet<u64>,
+    /// The last message from before the counting of each connection that is not known to latch.
+    unlatched: Unlatched,
     /// Connections of the bag by topic, publisher and md5sum.
     connections: HashMap<(String, String, String), u32>,
     /// Connections of the bag by the graph's connection.
@@ -71,6 +75,30 @@ struct State {
 
 /// A message that is latched, and whose.
 type Latched = (Connection, Vec<u8>);
+
+/// By connection; `None` for one whose last message had no room.
+#[derive(Default)]
+struct Unlatched {
+    last: BTreeMap<u64, Option<Latched>>,
+    bytes: u64,
+}
+
+impl Unlatched {
+    /// Keeps a message in the place of the last one, while all are no larger than `room` bytes.
+    fn keep(&mut self, link: u64, connection: Connection, data: &[u8], room: u64) {
+        self.take(link);
+        let length = data.len() as u64;
+        let fits = self.bytes + length <= room;
+        self.bytes += if fits { length } else { 0 };
+        self.last.insert(link, fits.then(|| (connection, data.to_vec())));
+    }
+
+    fn take(&mut self, link: u64) -> Option<Option<Latched>> {
+        let last = self.last.remove(&link)?;
+        self.bytes -= last.as_ref().map_or(0, |(_, data)| data.len() as u64);
+        Some(last)
+    }
+}
 
 #[derive(Clone)]
 enum Failure {
@@ -116,6 +144,8 @@ impl Recorder {
             counting: false,
             latched: BTreeMap::new(),
             latched_bytes: 0,
+            latching: BTreeSet::new(),
+            unlatched: Unlatched::default(),
             connections: HashMap::new(),
             links: HashMap::new(),
             topics: BTreeMap::new(),
@@ -136,9 +166,26 @@ impl Recorder {
         }
     }
 
+    /// That these connections' publishers latch after all, with what each sent last.
+    pub(crate) fn latch_after_all(&self, links: &BTreeSet<u64>) {
+        let mut state = self.state();
+        state.latching.extend(links);
+        for &link in links {
+            match state.unlatched.take(link) {
+                None => {}
+                Some(None) => state.failure = Some(self.too_much_latched()),
+                Some(Some((connection, data))) => {
+                    let connection = Connection { latching: true, ..connection };
+                    self.latch(&mut state, connection, data);
+                }
+            }
+        }
+    }
+
     /// Begins to count: what latching publishers have in force is written at `start`.
     pub(crate) fn count_from(&self, start: u64) {
         let mut state = self.state();
+        state.unlatched = Unlatched::default();
         for (connection, data) in std::mem::take(&mut state.latched).into_values().flatten() {
             let topic = connection.topic.clone();
             if let Some(hold) = &mut state.hold {
@@ -234,8 +281,12 @@ impl Recorder {
             return;
         }
         if !state.counting {
-            if incoming.publisher.latching {
-                self.latch(&mut state, incoming);
+            let connection = state.connection_of(incoming);
+            if connection.latching {
+                self.latch(&mut state, connection, incoming.data.to_vec());
+            } else {
+                let room = self.shared.byte_budget;
+                state.unlatched.keep(incoming.link, connection, incoming.data, room);
             }
             return;
         }
@@ -245,7 +296,8 @@ impl Recorder {
         let id = match state.links.get(&incoming.link) {
             Some(&id) => id,
             None => {
-                let Some(id) = state.connection(connection_of(incoming)) else { return };
+                let connection = state.connection_of(incoming);
+                let Some(id) = state.connection(connection) else { return };
                 state.links.insert(incoming.link, id);
                 id
             }
@@ -255,35 +307,41 @@ impl Recorder {
     }
 
     /// Keeps what will be in force when the counted part begins.
-    fn latch(&self, state: &mut State, incoming: &Incoming<'_>) {
-        let mut connection = connection_of(incoming);
+    fn latch(&self, state: &mut State, mut connection: Connection, data: Vec<u8>) {
         let most = connection.in_force().max(1) as usize;
+        let caller = connection.caller_id.clone().unwrap_or_default();
         if state.hold.is_some() {
             connection.caller_id = connection.caller_id.as_deref().map(settled_name);
         }
-        let caller = incoming.publisher.node.clone().unwrap_or_default();
-        let messages = state.latched.entry((incoming.topic.to_owned(), caller)).or_default();
-        messages.push_back((connection, incoming.data.to_vec()));
-        state.latched_bytes += incoming.data.len() as u64;
+        let messages = state.latched.entry((connection.topic.clone(), caller)).or_default();
+        state.latched_bytes += data.len() as u64;
+        messages.push_back((connection, data));
         while messages.len() > most {
             state.latched_bytes -= messages.pop_front().map_or(0, |(_, data)| data.len() as u64);
         }
         if state.latched_bytes > self.shared.byte_budget {
-            let why = format!(
-                "what is latched before the play is larger than the recording may be, {} bytes",
-                self.shared.byte_budget
-            );
-            state.failure = Some(Failure::Budget(why));
+            state.failure = Some(self.too_much_latched());
         }
     }
 
+    fn too_much_latched(&self) -> Failure {
+        Failure::Budget(format!(
+            "what is latched before the play is larger than the recording may be, {} bytes",
+            self.shared.byte_budget
+        ))
+    }
+
     fn hold(&self, state: &mut State, incoming: &Incoming<'_>) {
-        let publisher = state.publishers.entry(incoming.link).or_insert_with(|| {
-            let mut connection = connection_of(incoming);
-            connection.caller_id = connection.caller_id.as_deref().map(settled_name);
-            Arc::new(connection)
-        });
-        let publisher = Arc::clone(publisher);
+        let publisher = match state.publishers.get(&incoming.link) {
+            Some(known) => Arc::clone(known),
+            None => {
+                let mut connection = state.connection_of(incoming);
+                connection.caller_id = connection.caller_id.as_deref().map(settled_name);
+                let connection = Arc::new(connection);
+                state.publishers.insert(incoming.link, Arc::clone(&connection));
+                connection
+            }
+        };
         self.hold_back(state, publisher, incoming.data);
     }
 
@@ -324,6 +382,12 @@ impl Recorder {
 }
 
 impl State {
+    /// Who sent it, as the recording has it.
+    fn connection_of(&self, incoming: &Incoming<'_>) -> Connection {
+        let said = connection_of(incoming);
+        Connection { latching: said.latching || self.latching.contains(&incoming.link), ..said }
+    }
+
     /// The bag's connection for a publisher of a topic, which keeps it when it reconnects; `None`
     /// once the recording is finished.
     fn connection(&mut self, connection: Connection) -> Option<u32> {
@@ -386,7 +450,8 @@ pub(crate) fn connection_of(incoming: &Incoming<'_>) -> Connection {
 
 #[cfg(test)]
 mod tests {
-    use bagpipe_rosbag::{Compression, WriterOptions};
+    use bagpipe_graph::Publisher;
+    use bagpipe_rosbag::{Bag, Compression, MemoryChunkedFile, WriterOptions};
 
     use super::*;
     use crate::time::Time;
@@ -425,6 +490,46 @@ mod tests {
         let error = recorder.finish().unwrap_err();
         assert_eq!(error.reason(), "RecorderBudgetExceeded");
         assert!(error.to_string().contains("2000"), "{error}");
+    }
+
+    fn send(recorder: &mut Recorder, link: u64, data: &[u8]) {
+        let publisher = Publisher { node: Some(format!("/n{link}")), ..Publisher::default() };
+        recorder.message(Incoming { topic: "/out", publisher: &publisher, link, data });
+    }
+
+    #[test]
+    fn of_who_latches_after_all_the_last_message_is_in_force_and_of_who_does_not_none_is() {
+        let mut recorder = recorder(7_000);
+        for link in [1, 2] {
+            // Only the last one has to fit.
+            for byte in 0..4 {
+                send(&mut recorder, link, &[byte; 3_000]);
+            }
+        }
+        recorder.latch_after_all(&BTreeSet::from([2, 3]));
+        send(&mut recorder, 1, &[8; 10]);
+        send(&mut recorder, 2, &[9; 50]);
+        recorder.count_from(0);
+        let (recorded, bag) = recorder.finish().unwrap();
+        assert_eq!((recorded.messages, recorded.bytes), (1, 50));
+        let bag = Bag::open(MemoryChunkedFile::new(bag)).unwrap();
+        let timeline = bag.timeline(|_| true).unwrap();
+        let messages: Vec<_> = timeline.iter().map(|m| (m.time, m.data.to_vec())).collect();
+        assert_eq!(messages, [(0, vec![9; 50])]);
+        let connections = bag.connections().iter();
+        let named: Vec<_> = connections.map(|c| (c.caller_id.as_deref(), c.latching)).collect();
+        assert_eq!(named, [(Some("/n2"), true)]);
+    }
+
+    #[test]
+    fn what_had_no_room_is_an_error_only_once_its_publisher_is_known_to_latch() {
+        for (found, fails) in [(BTreeSet::new(), false), (BTreeSet::from([2]), true)] {
+            let mut recorder = recorder(2_000);
+            send(&mut recorder, 1, &[1; 1_500]);
+            send(&mut recorder, 2, &[2; 600]);
+            recorder.latch_after_all(&found);
+            assert_eq!(recorder.failure().is_some(), fails);
+        }
     }
 
     #[test]

@@ -200,11 +200,7 @@ fn perform(
         watch.enter(Stage::Play);
         clock.stand(window.start);
         let (gauge, waiting) = (Gauge::start(&foreign), Waiting::begin(&pids));
-        if request.mode == Mode::Lockstep {
-            // What was published before the window is before it in every run.
-            node.sweep(PAUSE);
-        }
-        recorder.count_from(window.start);
+        begin_to_count(scene);
         let schedule = player.schedule(window.start, watch.now());
         let pace = match turns {
             Some(turns) => turns.play(&mut player, watch)?,
@@ -265,6 +261,16 @@ fn warm_up(
         await_lead_in(rounds, player, request, watch)?;
     }
     Ok(())
+}
+
+/// Records from now on, with what is latched in force at the window's start.
+fn begin_to_count(scene: &Scene<'_>) {
+    scene.recorder.latch_after_all(&scene.node.latching_after_all(ASK));
+    if scene.request.mode == Mode::Lockstep {
+        // What was published before the window is before it in every run.
+        scene.node.sweep(PAUSE);
+    }
+    scene.recorder.count_from(scene.request.window.start);
 }
 
 /// Waits until what was sent of the lead-in has been received, so that it can be

@@ -8,6 +8,7 @@ use std::collections::BTreeMap;
 
 use bagpipe_log::Recording;
 use bagpipe_replay::{Mode, Window, replay_together};
+use bagpipe_rosbag::{Bag, MemoryChunkedFile};
 use graph::{Graph, Process, wait_until};
 use scene::{TMP, bag_of_words, node, pr2, read_back, request, run, words};
 
@@ -86,6 +87,25 @@ fn latched_messages_in_force_are_carried_per_publisher_and_come_first() {
     let recorded = read_back(&replayed);
     assert_eq!((recorded[0].0.as_str(), recorded[0].1), ("/state", 200 * MS));
     assert_eq!(&recorded[0].2[4..], b"ready");
+}
+
+#[test]
+fn what_a_publisher_latches_is_recorded_although_it_was_connected_to_before_it_did() {
+    let bag = bag_of_words(&[words("/talk", "/t", false)], &[(0, 100, "one"), (0, 200, "two")]);
+    for mode in [Mode::Realtime, Mode::Lockstep] {
+        let graph = Graph::start(TMP);
+        let _node = graph.python(&node("latches_late.py"), &[]);
+        let mut request = request(&bag, &graph.uri);
+        request.mode = mode;
+        request.record_topics = vec!["/state".to_owned()];
+        let replayed = run(&bag, &request).unwrap();
+        let recorded = read_back(&replayed);
+        assert_eq!(recorded.len(), 1, "{mode:?}");
+        assert_eq!((recorded[0].0.as_str(), &recorded[0].2[4..]), ("/state", &b"ready"[..]));
+        let bag = Bag::open(MemoryChunkedFile::new(replayed.recorded_bag.clone())).unwrap();
+        let latching: Vec<bool> = bag.connections().iter().map(|each| each.latching).collect();
+        assert_eq!(latching, [true], "{mode:?}");
+    }
 }
 
 #[test]

@@ -1,12 +1,12 @@
 //! A node of the graph: its slave API, its TCPROS port, its topics.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::net::{SocketAddr, TcpStream};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
-use std::sync::{Arc, Condvar, Mutex, OnceLock};
+use std::sync::{Arc, Condvar, Mutex, OnceLock, PoisonError};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use bagpipe_graph::{
     GraphError, Node as GraphNode, NodeOptions, Publication as Advertised, Seen, Sink, SystemState,
@@ -214,6 +214,10 @@ impl GraphNode for Node {
         lock(&self.graph.subscriptions).get(topic).map_or(0, |s| s.connections())
     }
 
+    fn latching_after_all(&self, limit: Duration) -> BTreeSet<u64> {
+        self.graph.latching_after_all(limit)
+    }
+
     fn sweep(&self, limit: Duration) {
         self.inbox.sweep(limit);
     }
@@ -303,6 +307,42 @@ impl Graph {
             self.rest(Duration::from_millis(50 << attempt));
         }
         subscription.lost(uri);
+    }
+
+    /// Asks the publishers that may latch once more, a few at once.
+    fn latching_after_all(&self, limit: Duration) -> BTreeSet<u64> {
+        let deadline = Instant::now() + limit;
+        let doubtful = self.may_latch();
+        let (next, found) = (AtomicUsize::new(0), Mutex::new(BTreeSet::new()));
+        let ask = || {
+            while let Some((topic, uri, link)) = doubtful.get(next.fetch_add(1, Ordering::Relaxed))
+            {
+                let left = deadline.saturating_duration_since(Instant::now());
+                if left.is_zero() {
+                    return;
+                }
+                if subscriber::latches(&self.name, topic, uri, left).unwrap_or(false) {
+                    lock(&found).insert(*link);
+                }
+            }
+        };
+        std::thread::scope(|scope| {
+            for _ in 0..CONNECTORS.min(doubtful.len()) {
+                scope.spawn(ask);
+            }
+        });
+        found.into_inner().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Topic, slave URI and connection of publishers that may latch.
+    fn may_latch(&self) -> Vec<(String, String, u64)> {
+        let subscriptions = lock(&self.subscriptions);
+        let of = |(topic, subscription): (&String, &Arc<Subscription>)| {
+            let topic = topic.clone();
+            let publishers = subscription.may_latch().into_iter();
+            publishers.map(move |(uri, link)| (topic.clone(), uri, link))
+        };
+        subscriptions.iter().flat_map(of).collect()
     }
 
     /// Waits, unless the node ends.

@@ -19,6 +19,11 @@ use crate::{RosError, Value, stamp};
 /// Attempts to connect to one publisher; a node may register before it listens.
 pub(crate) const ATTEMPTS: u32 = 4;
 
+/// How the server of a node of roscpp calls itself. It knows before it registers a topic whether
+/// it latches; rospy sets that after (`Publisher.__init__` in its topics.py), so that whoever
+/// connects at once is introduced to a publisher that does not latch yet.
+const ROSCPP: &str = "XMLRPC++";
+
 /// A publisher that we read: its slave URI, the connection, what that has handed over.
 pub(crate) type ReadLink = (String, u64, Arc<Counts>);
 
@@ -36,6 +41,8 @@ struct Publishers {
     taken: BTreeSet<String>,
     /// Those that a connection stands to: its number and what it has handed over.
     connected: BTreeMap<String, (u64, Arc<Counts>)>,
+    /// Those that may latch although their introductions have it otherwise, and their connections.
+    may_latch: BTreeMap<String, u64>,
 }
 
 impl Subscription {
@@ -55,19 +62,30 @@ impl Subscription {
 
     pub(crate) fn connected(&self, uri: &str, link: &InLink) {
         let counts = (link.id, Arc::clone(&link.counts));
-        lock(&self.state).connected.insert(uri.to_owned(), counts);
+        let mut state = lock(&self.state);
+        state.connected.insert(uri.to_owned(), counts);
+        if link.may_latch {
+            state.may_latch.insert(uri.to_owned(), link.id);
+        }
     }
 
     /// The connection has ended or could not be made; the next update may try again.
     pub(crate) fn lost(&self, uri: &str) {
         let mut state = lock(&self.state);
         state.connected.remove(uri);
+        state.may_latch.remove(uri);
         state.taken.remove(uri);
     }
 
     /// How many publishers we read.
     pub(crate) fn connections(&self) -> usize {
         lock(&self.state).connected.len()
+    }
+
+    /// The publishers that we read and that may latch against their introductions: slave URI and
+    /// connection.
+    pub(crate) fn may_latch(&self) -> Vec<(String, u64)> {
+        lock(&self.state).may_latch.clone().into_iter().collect()
     }
 
     /// The publishers that we read: slave URI, connection, what it has handed over.
@@ -91,14 +109,42 @@ pub(crate) fn connect(
     deadline: Duration,
 ) -> Result<InLink, RosError> {
     static NEXT: AtomicU64 = AtomicU64::new(1);
-    let (host, port) = request_topic(our_name, topic, uri, deadline)?;
+    let (header, stream, server) = reach(our_name, topic, uri, deadline)?;
+    let id = NEXT.fetch_add(1, Ordering::Relaxed);
+    let (topic, uri, counts) = (Arc::clone(topic), uri.to_owned(), Arc::default());
+    let may_latch = !header.latching() && !server.starts_with(ROSCPP);
+    let publisher = introduced(&header);
+    Ok(InLink { id, topic, uri, publisher, stream, counts, may_latch })
+}
+
+/// Whether the publisher latches by now, as it introduces itself to a second connection.
+///
+/// # Errors
+/// As [`connect`].
+pub(crate) fn latches(
+    our_name: &str,
+    topic: &str,
+    uri: &str,
+    deadline: Duration,
+) -> Result<bool, RosError> {
+    // rospy closes the connection of whom it knows when the same name connects again.
+    let name = format!("{our_name}_once_more");
+    reach(&name, topic, uri, deadline).map(|(header, ..)| header.latching())
+}
+
+/// A publisher's introduction, the connection to it, and what its slave API's server calls itself.
+fn reach(
+    our_name: &str,
+    topic: &str,
+    uri: &str,
+    deadline: Duration,
+) -> Result<(ConnectionHeader, TcpStream, String), RosError> {
+    let (host, port, server) = request_topic(our_name, topic, uri, deadline)?;
     let mut stream = hosts::connect(&host, port, deadline)?;
     let header = shake_hands(our_name, topic, &mut stream, deadline).map_err(|why| {
         RosError::Handshake { peer: format!("the publisher of {topic} at {host}:{port}"), why }
     })?;
-    let id = NEXT.fetch_add(1, Ordering::Relaxed);
-    let (topic, uri, counts) = (Arc::clone(topic), uri.to_owned(), Arc::default());
-    Ok(InLink { id, topic, uri, publisher: introduced(&header), stream, counts })
+    Ok((header, stream, server))
 }
 
 /// What a publisher says of itself in its header.
@@ -122,13 +168,14 @@ fn request_topic(
     topic: &str,
     uri: &str,
     deadline: Duration,
-) -> Result<(String, u16), RosError> {
+) -> Result<(String, u16, String), RosError> {
     let client = Client::new(uri, deadline)?;
     let protocols = Value::List(vec![Value::List(vec!["TCPROS".into()])]);
-    let answer = client.call("requestTopic", &[our_name.into(), topic.into(), protocols])?;
+    let (answer, server) =
+        client.call_of_server("requestTopic", &[our_name.into(), topic.into(), protocols])?;
     let place = answer.as_list().and_then(|list| {
         let host = list.get(1)?.as_str()?.to_owned();
-        Some((host, u16::try_from(list.get(2)?.as_int()?).ok()?))
+        Some((host, u16::try_from(list.get(2)?.as_int()?).ok()?, server))
     });
     place.ok_or_else(|| client.bad_answer("requestTopic", "expected [\"TCPROS\", host, port]"))
 }

@@ -46,15 +46,24 @@ impl Client {
         method: &str,
         params: impl IntoIterator<Item = &'v Value>,
     ) -> Result<Value, RosError> {
-        let answer = self.exchange(method, params)?;
-        self.unwrap_triple(method, answer)
+        self.call_of_server(method, params).map(|(value, _)| value)
+    }
+
+    /// Like [`Client::call`], with what the server calls itself, such as `XMLRPC++ 0.7`.
+    pub(crate) fn call_of_server<'v>(
+        &self,
+        method: &str,
+        params: impl IntoIterator<Item = &'v Value>,
+    ) -> Result<(Value, String), RosError> {
+        let (answer, server) = self.exchange(method, params)?;
+        Ok((self.unwrap_triple(method, answer)?, server))
     }
 
     /// Like [`Client::call`] for `getBusStats`, which roscpp answers without the triple: a
     /// bare list of lists.
     pub(crate) fn call_statistics(&self, params: &[Value]) -> Result<Value, RosError> {
         let method = "getBusStats";
-        let answer = self.exchange(method, params)?;
+        let (answer, _) = self.exchange(method, params)?;
         let first = answer.as_list().and_then(|list| list.first());
         if first.is_some_and(|first| first.as_list().is_some()) {
             return Ok(answer);
@@ -87,7 +96,7 @@ impl Client {
         &self,
         method: &str,
         params: impl IntoIterator<Item = &'v Value>,
-    ) -> Result<Value, RosError> {
+    ) -> Result<(Value, String), RosError> {
         let unreachable = |why: String| RosError::Unreachable {
             method: method.into(),
             uri: self.uri.clone(),
@@ -106,13 +115,15 @@ impl Client {
         if !response.status().is_success() {
             return Err(unreachable(format!("HTTP status {}", response.status())));
         }
+        let server = response.headers().get("Server").and_then(|value| value.to_str().ok());
+        let server = server.unwrap_or_default().to_owned();
         let text = response
             .body_mut()
             .with_config()
             .limit(MAX_ANSWER)
             .read_to_string()
             .map_err(|error| unreachable(error.to_string()))?;
-        parse(method, &self.uri, &text)
+        Ok((parse(method, &self.uri, &text)?, server))
     }
 }
 
