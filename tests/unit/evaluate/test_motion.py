@@ -452,3 +452,70 @@ def test_one_that_creeps_is_where_it_was_on_its_way() -> None:
     scenes = [(12.0, [(50.0, 0.2)]), (13.0, [(50.0, 0.6)])]
     finding = found(pass_by(*scenes), minDistance=5, maxAge="1s")
     assert finding.figure == pytest.approx(0.4, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("obstacle", "speed", "other"),
+    [
+        # What it hid comes into sight behind it: no further than what stands may have gone.
+        ((100.0, 0.0), 0.0, (103.0, 2.5)),
+        # It comes towards the ego, and is seen again behind it.
+        ((200.0, 0.0), -20.0, None),
+    ],
+    ids=["another", "passed through"],
+)
+def test_what_a_sensor_lost_near_the_ego_is_not_found_elsewhere_unharmed(
+    obstacle: Point, speed: float, other: Point | None
+) -> None:
+    """It is seen at 20 Hz, is lost 6 m before the ego, and is so for 0.4 s at least."""
+    scenes = []
+    for step in range(200):
+        x = obstacle[0] + speed * step / 20
+        near = [(x, obstacle[1])] if x - step > 6 or (other is None and x - step < -6) else []
+        late = [other] if other is not None and step > obstacle[0] + 8 else []
+        scenes.append((10 + step / 20, [*near, *late, OTHER]))
+    finding = found(pass_by(*scenes), minDistance=2)
+    assert finding.outcome == "invalid", finding
+    assert finding.message.startswith("after its last message an obstacle may have been ")
+
+
+@pytest.mark.parametrize("off", [0.0, 0.1], ids=["just there", "nearly there"])
+def test_who_drives_over_a_place_is_not_who_was_seen_there_before(off: float) -> None:
+    """A flash is 8 m ahead of the ego, and 16 m ahead of who follows it and is always seen."""
+    scenes = [(10 + step / 20, [(step - 8.0, off), OTHER]) for step in range(200)]
+    scenes[100][1].append((108.0, 0.0))
+    finding = found(pass_by(*scenes), minDistance=2)
+    assert finding.outcome == "passed", finding
+    assert finding.coverage == pytest.approx(0.9, abs=1e-3)
+
+
+def test_what_was_lost_before_the_window_covers_nothing_of_it() -> None:
+    """It flashes up beside the ego again and again, all by stamps before the window."""
+    entries = [*pass_by(), *(cars(10 + step / 20, OTHER) for step in range(10))]
+    for turn in range(18):
+        at, stamp = 10.001 + turn / 10_000, 5 + turn / 4
+        entries += [("/ego", at, stamped(stamp, 0.0, 0.0))]
+        entries += [("/cars", at, poses(stamp, (2.5, 0.0) if turn % 2 else (500.0, 0.0)))]
+        entries += [("/ego", at, stamped(stamp + 0.15, 2.0, 0.0))]
+        entries += [("/cars", at, poses(stamp + 0.2))]
+    finding = found(entries, minDistance=2.2, maxAge="200ms", minCoverage=0.9)
+    assert finding.outcome == "invalid", finding
+    assert finding.coverage == pytest.approx(0.065)
+
+
+def test_where_the_ego_s_place_jumps_nobody_comes_nearer_so_fast() -> None:
+    course = [ego(10 + step / 20, step / 4 if step < 6 else 100 + step / 4) for step in range(200)]
+    scenes = [cars(10 + step / 20, (300.0, 0.0)) for step in range(200)]
+    finding = found(course + scenes, minTimeToCollision=5)
+    # 150.25 m less two radii at 5 m/s.
+    assert finding.outcome == "passed"
+    assert finding.figure == pytest.approx(29.45, abs=0.01)
+
+
+def test_who_steps_out_before_the_ego_and_is_lost_is_feared() -> None:
+    """A cyclist is seen for 0.3 s at 50 Hz, and is lost 6 m before the ego and 2.4 m beside it."""
+    scenes = [(10 + step / 50, [OTHER]) for step in range(500)]
+    for step in range(235, 251):
+        scenes[step][1].append((106.0, 8.0 * (step - 265) / 50))
+    finding = found(pass_by(*scenes), minDistance=2)
+    assert finding.outcome == "invalid", finding

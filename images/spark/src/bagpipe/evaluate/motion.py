@@ -11,7 +11,7 @@ from bagpipe.evaluate.fields import no_number
 from bagpipe.evaluate.finding import Clock, Finding, NoEvidenceError, covering
 from bagpipe.evaluate.limits import bounded, of_all_bounds
 from bagpipe.evaluate.model import Separation
-from bagpipe.evaluate.way import Point, Way
+from bagpipe.evaluate.way import Point, Way, drives
 from bagpipe.evaluate.window import frames_differ, messages_of, samples
 from bagpipe.texts import duration_nanoseconds
 
@@ -91,8 +91,8 @@ def _feared(
         return finding
     message = (
         f"after its last message an obstacle may have been {distance:.6g} m away at"
-        f" {(at - evidence.start) / 1e9:.3f} s, and no later one of {wanted.obstacles} shows where"
-        f" it went: publish them more often, or until they are passed; {finding.message}"
+        f" {(at - evidence.start) / 1e9:.3f} s, and no message on {wanted.obstacles} shows where"
+        f" it was then: publish them more often, or until they are passed; {finding.message}"
     )
     return replace(finding, outcome="invalid", message=message)
 
@@ -208,7 +208,8 @@ def _share(
     age = duration_nanoseconds(wanted.max_age)
     length = evidence.end - evidence.start
     old = _too_old([time for time, _ in course], age, evidence) + _too_old(times, age, evidence)
-    unknown = _joined(old + [(max(begin, evidence.start), until) for begin, until in lost])
+    inside = [(max(begin, evidence.start), until) for begin, until in lost]
+    unknown = _joined(old + [each for each in inside if each[0] < each[1]])
     share = 1.0 - sum(after - before for before, after in unknown) / length
     if share < wanted.min_coverage:
         length = evidence.input_time_between(evidence.start, evidence.end) or length
@@ -255,14 +256,16 @@ def _points(sample: Sample, topic: str) -> list[Point]:
 def _paired(scenes: list[tuple[int, Point, list[Point]]]) -> list[Pair]:
     """(time, ego, obstacle, closing velocity of the obstacle as the ego sees it), per obstacle.
 
-    Velocities come from the scene before, where an obstacle keeps its place in the list.
+    Velocities come from the scene before, where an obstacle keeps its place in the list, and of an
+    ego that may have driven from where it was then.
     """
     pairs: list[Pair] = []
     before: tuple[int, Point, list[Point]] | None = None
     for time, ego, points in scenes:
+        driven = before is not None and time > before[0] and drives(before[:2], (time, ego))
         for number, point in enumerate(points):
             velocity = None
-            if before is not None and number < len(before[2]) and time > before[0]:
+            if before is not None and driven and number < len(before[2]):
                 span = (time - before[0]) / 1e9
                 old_ego, old = before[1], before[2][number]
                 velocity = (

@@ -17,8 +17,10 @@ Kind = Literal["seen", "feared", "unknown"]
 
 # Metres per second, per second: what changes its speed by more is another obstacle.
 _HARDEST = 5.0
-# A speed is that over so many ns at least: places have noise.
+# A speed is that over so many ns at least, if there are: places have noise.
 _LONG_ENOUGH = 500_000_000
+# Of one that was followed for less, it is not known where it goes.
+_LEAST_FOLLOWED = 250_000_000
 # Of finding who is nearest to whom among those that are left; the rest is taken for others.
 _ROUNDS = 8
 # Lost ones that are looked for at a time: with a large maxAge they would only become more.
@@ -72,19 +74,28 @@ class _Track(NamedTuple):
         speed = (place[0] - old[1][0]) / span, (place[1] - old[1][1]) / span
         return type(self)(time, place, speed, known, (old, middle))
 
-    def until_again(self, again: Self, age: int) -> Iterator[Stretch]:
-        """From this sighting to the next one, where it hardly moved meanwhile."""
+    def until_again(self, again: Self, age: int, before: int) -> Iterator[Stretch]:
+        """From this sighting to the next one, where it hardly moved meanwhile, or where the message
+        at the time `before`, just before the next one, lacks it.
+        """
         span = (again.time - self.time) / 1e9
         if span and math.dist(self.place, again.place) <= STANDS:
             (x, y), (new_x, new_y) = self.place, again.place
             speed = (new_x - x) / span, (new_y - y) / span
             until = min(again.time, self.time + age)
             yield Stretch("seen", self.time, until, self.place, speed)
+        elif self.time < before:
+            yield self.behind(age, again.time, again.time)
+
+    def may_be(self, other: Self) -> bool:
+        """Whether it was where the other one, which was not seen later, was seen last."""
+        off = math.dist(self.at(other.time), other.place)
+        return not self.known or off <= _off_course((self.time - other.time) / 1e9)
 
     def behind(self, age: int, end: int, last: int) -> Stretch:
         """Behind its last sighting. Where it stood, and no later message lacks it, it stands."""
         until = min(self.time + age, end)
-        long = self.known and self.time - self.marks[0][0] >= _LONG_ENOUGH
+        long = self.known and self.time - self.marks[0][0] >= _LEAST_FOLLOWED
         if self.speed is None or not long:
             return Stretch("unknown", self.time, until, self.place, (0.0, 0.0))
         stands = math.hypot(*self.speed) * (until - self.time) / 1e9 <= STANDS
@@ -110,22 +121,36 @@ def stretches(scenes: Sequence[Scene], age: int, end: int) -> Iterator[Stretch]:
         oldest = min(time - age, before)
         yield from (each.behind(age, end, last) for each in tracks if each.time < oldest)
         waiting = [each for each in tracks if each.time >= oldest]
-        tracks, before = [], time
-        owners: dict[int, tuple[float, _Track]] = {}
-        for track, number in zip(waiting, _matched(waiting, time, points), strict=True):
-            if number is None:
+        numbers = _matched(waiting, time, points)
+        owners = _owners(waiting, numbers, time, points)
+        tracks = []
+        for track, number in zip(waiting, numbers, strict=True):
+            if number is None or not owners[number].may_be(track):
                 tracks.append(track)
-                continue
-            again = track.seen_again(time, points[number])
-            yield from track.until_again(again, age)
-            off = math.dist(track.at(time), points[number])
-            if number not in owners or off < owners[number][0]:
-                owners[number] = (off, again)
+            else:
+                yield from track.until_again(track.seen_again(time, points[number]), age, before)
+        before = time
         yield from (each.behind(age, end, last) for each in tracks[:-_MOST_LOST])
         del tracks[:-_MOST_LOST]
-        fresh = (_Track(time, point) for point in points)
-        tracks += [owners[n][1] if n in owners else each for n, each in enumerate(fresh)]
+        tracks += [
+            owners[number].seen_again(time, point) if number in owners else _Track(time, point)
+            for number, point in enumerate(points)
+        ]
     yield from (each.behind(age, end, last) for each in tracks)
+
+
+def _owners(
+    tracks: Sequence[_Track], numbers: Sequence[int | None], time: int, points: Sequence[Point]
+) -> dict[int, _Track]:
+    """The track that goes on at each point: of several the one that was seen last, and of these
+    the one that leads there best.
+    """
+    owners: dict[int, tuple[int, float, _Track]] = {}
+    for track, number in zip(tracks, numbers, strict=True):
+        if number is not None:
+            owner = (-track.time, math.dist(track.at(time), points[number]), track)
+            owners[number] = min(owner, owners.get(number, owner), key=lambda each: each[:2])
+    return {number: track for number, (_, _, track) in owners.items()}
 
 
 def _matched(tracks: Sequence[_Track], time: int, points: Sequence[Point]) -> list[int | None]:

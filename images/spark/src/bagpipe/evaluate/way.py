@@ -35,7 +35,7 @@ class Way:
         if not 0 < after < len(self._poses):
             return None
         (begin, old), (end, new) = self._poses[after - 1 : after + 1]
-        if end - begin > self._longest or not _drives((begin, old), (end, new)):
+        if end - begin > self._longest or not drives((begin, old), (end, new)):
             return None
         return between(old, new, (time - begin) / (end - begin))
 
@@ -48,10 +48,10 @@ class Way:
         start, stop = ([(time, place)] if place is not None else [] for time, place in edges)
         places = [*start, *self._poses[first:last], *stop]
         for one, other in itertools.pairwise(places if len(places) > 1 else 2 * places):
-            yield from [(one, other)] if _drives(one, other) else [(one, one), (other, other)]
+            yield from [(one, other)] if drives(one, other) else [(one, one), (other, other)]
 
 
-def _drives(one: tuple[int, Point], other: tuple[int, Point]) -> bool:
+def drives(one: tuple[int, Point], other: tuple[int, Point]) -> bool:
     """Whether the ego may have gone straight from one place to the other."""
     seconds = (other[0] - one[0]) / 1e9
     return math.dist(one[1], other[1]) <= STANDS + FASTEST * seconds
