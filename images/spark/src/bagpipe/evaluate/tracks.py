@@ -49,6 +49,11 @@ class _Track(NamedTuple):
     # Earlier sightings, of which the first gives the speed.
     marks: tuple[tuple[int, Point], ...] = ()
 
+    @property
+    def goes(self) -> bool:
+        """Whether its speed says where it would be later."""
+        return self.known and self.time - self.marks[0][0] >= _LEAST_FOLLOWED
+
     def at(self, time: int) -> Point:
         """Where it would be; where it was last, as long as it has no speed."""
         x, y = self.speed or (0.0, 0.0)
@@ -84,7 +89,7 @@ class _Track(NamedTuple):
             speed = (new_x - x) / span, (new_y - y) / span
             until = min(again.time, self.time + age)
             yield Stretch("seen", self.time, until, self.place, speed)
-        elif self.time < before:
+        elif self.time < before and self.goes:
             yield self.behind(age, again.time, again.time)
 
     def may_be(self, other: Self) -> bool:
@@ -95,8 +100,7 @@ class _Track(NamedTuple):
     def behind(self, age: int, end: int, last: int) -> Stretch:
         """Behind its last sighting. Where it stood, and no later message lacks it, it stands."""
         until = min(self.time + age, end)
-        long = self.known and self.time - self.marks[0][0] >= _LEAST_FOLLOWED
-        if self.speed is None or not long:
+        if self.speed is None or not self.goes:
             return Stretch("unknown", self.time, until, self.place, (0.0, 0.0))
         stands = math.hypot(*self.speed) * (until - self.time) / 1e9 <= STANDS
         kind: Kind = "seen" if stands and self.time == last else "feared"
