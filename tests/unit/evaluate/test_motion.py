@@ -5,7 +5,9 @@ import random
 from typing import Any
 
 import pytest
+from scipy.spatial import KDTree
 
+from bagpipe.evaluate import tracks
 from bagpipe.evaluate.finding import Finding
 from bagpipe.evaluate.judge import evaluate
 from bagpipe.evaluate.model import Criterion, Separation
@@ -519,3 +521,40 @@ def test_who_steps_out_before_the_ego_and_is_lost_is_feared() -> None:
         scenes[step][1].append((106.0, 8.0 * (step - 265) / 50))
     finding = found(pass_by(*scenes), minDistance=2)
     assert finding.outcome == "invalid", finding
+
+
+def test_obstacles_in_one_place_are_looked_up_as_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A tree has all that are in one place in one leaf, and each look passes all of them."""
+    sizes: list[int] = []
+    tree = KDTree
+
+    def counted(points: Any) -> Any:
+        sizes.append(len(points))
+        return tree(points)
+
+    monkeypatch.setattr("bagpipe.evaluate.tracks.KDTree", counted)
+    padded = [(5.0, 5.0), (9.0, 0.0), *[(0.0, 0.0)] * 1000]
+    scenes = [(step * SECOND // 10, padded) for step in range(5)]
+    followed = list(tracks.stretches(scenes, SECOND, SECOND))
+    assert max(sizes) == 3
+    assert {(5.0, 5.0), (9.0, 0.0), (0.0, 0.0)} == {each.place for each in followed}
+
+
+def test_many_that_were_lost_at_once_are_not_looked_for_in_each_of_many_messages(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    looked_for: list[int] = []
+    matched = tracks._matched
+
+    def counted(waiting: Any, *more: Any) -> Any:
+        looked_for.append(len(waiting))
+        return matched(waiting, *more)
+
+    monkeypatch.setattr(tracks, "_matched", counted)
+    crowd = [(3.0 * place, 1000.0) for place in range(5000)]
+    scenes = [(0, crowd), *((step * SECOND // 2000, [(0.0, -9000.0)]) for step in range(1, 2000))]
+    followed = list(tracks.stretches(scenes, SECOND, SECOND))
+    # Each is kept account of all the same.
+    assert {each.place for each in followed if each.kind == "unknown"} >= set(crowd)
+    assert sum(looked_for) < 300 * (len(crowd) + len(scenes))
+    assert looked_for[1] == len(crowd)

@@ -1,5 +1,6 @@
 """Obstacles followed from message to message by their places, whatever the order of the list is."""
 
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 from typing import Any, Literal, NamedTuple, Self
@@ -23,8 +24,9 @@ _LONG_ENOUGH = 500_000_000
 _LEAST_FOLLOWED = 250_000_000
 # Of finding who is nearest to whom among those that are left; the rest is taken for others.
 _ROUNDS = 8
-# Lost ones that are looked for at a time: with a large maxAge they would only become more.
-_MOST_LOST = 10_000
+# Lost ones that are looked for at a time: with a large maxAge they would only become more. In
+# messages that have few obstacles they are fewer, so that the work grows as the recording does.
+_MOST_LOST, _LEAST_LOST, _LOST_OF_EACH = 10_000, 100, 50
 
 
 class Stretch(NamedTuple):
@@ -121,7 +123,7 @@ def stretches(scenes: Sequence[Scene], age: int, end: int) -> Iterator[Stretch]:
     """
     tracks: list[_Track] = []
     before = last = scenes[-1][0] if scenes else 0
-    for time, points in scenes:
+    for (time, points), most in zip(scenes, _most_lost(scenes), strict=True):
         oldest = min(time - age, before)
         yield from (each.behind(age, end, last) for each in tracks if each.time < oldest)
         waiting = [each for each in tracks if each.time >= oldest]
@@ -134,13 +136,20 @@ def stretches(scenes: Sequence[Scene], age: int, end: int) -> Iterator[Stretch]:
             else:
                 yield from track.until_again(track.seen_again(time, points[number]), age, before)
         before = time
-        yield from (each.behind(age, end, last) for each in tracks[:-_MOST_LOST])
-        del tracks[:-_MOST_LOST]
+        yield from (each.behind(age, end, last) for each in tracks[:-most])
+        del tracks[:-most]
         tracks += [
             owners[number].seen_again(time, point) if number in owners else _Track(time, point)
             for number, point in enumerate(points)
         ]
     yield from (each.behind(age, end, last) for each in tracks)
+
+
+def _most_lost(scenes: Sequence[Scene]) -> Iterator[int]:
+    """How many lost ones are looked for behind each scene."""
+    seen = itertools.accumulate(len(points) for _, points in scenes)
+    for number, so_far in enumerate(seen, start=1):
+        yield min(_MOST_LOST, _LEAST_LOST + _LOST_OF_EACH * so_far // number)
 
 
 def _owners(
@@ -166,7 +175,9 @@ def _matched(tracks: Sequence[_Track], time: int, points: Sequence[Point]) -> li
     found = np.full(len(tracks), -1)
     if not (tracks and points):
         return [None] * len(tracks)
-    there, new = _array([each.at(time) for each in tracks]), _array(points)
+    there = _array([each.at(time) for each in tracks])
+    # What lies in one place lies in one leaf of a tree, through all of which each look would go.
+    new, numbers = np.unique(_array(points), axis=0, return_index=True)
     apart, which = KDTree(new).query(there, distance_upper_bound=STANDS)
     found[apart <= STANDS] = which[apart <= STANDS]
     reach = np.array([each.reach(time) for each in tracks])
@@ -183,7 +194,7 @@ def _matched(tracks: Sequence[_Track], time: int, points: Sequence[Point]) -> li
         _, first = np.unique(which[nearest], return_index=True)
         chosen = nearest[first]
         found[left[chosen]] = free[which[chosen]]
-    return [int(number) if number >= 0 else None for number in found]
+    return [int(numbers[place]) if place >= 0 else None for place in found]
 
 
 def _array(points: Sequence[Point]) -> Any:
