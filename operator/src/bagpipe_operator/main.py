@@ -38,7 +38,7 @@ from bagpipe_operator.notify.deliveries import deliveries
 from bagpipe_operator.receivers import Receivers
 from bagpipe_operator.runtime import log, serve
 from bagpipe_operator.runtime.census import Census
-from bagpipe_operator.runtime.queue import WorkQueue, most_of_one
+from bagpipe_operator.runtime.queue import WorkQueue
 from bagpipe_operator.runtime.work import work
 from bagpipe_operator.schedules.fenced import FencedScheduleApi
 from bagpipe_operator.schedules.loop import ScheduleLoop
@@ -80,7 +80,7 @@ def spare_the_collector() -> None:
 async def run(settings: Settings) -> None:
     """Runs the operator until SIGTERM or SIGINT."""
     view, fence = View(), Fence()
-    queue = WorkQueue(tenant_of=view.namespace_of, most_of_one=most_of_one(settings.workers))
+    queue = WorkQueue(tenant_of=view.namespace_of, workers=settings.workers)
     metrics = JobMetrics(view, queue, fence.leads)
     large = LargeJobs(view)
     sweeper = Sweeper(view, queue, settings.sweep_seconds, large=large)

@@ -17,7 +17,7 @@ from bagpipe_operator.jobs.metrics import JobMetrics
 from bagpipe_operator.jobs.reconcile import Reconciler
 from bagpipe_operator.jobs.sweep import Sweeper
 from bagpipe_operator.jobs.view import JobView, View
-from bagpipe_operator.runtime.queue import WorkQueue, most_of_one
+from bagpipe_operator.runtime.queue import WorkQueue
 from bagpipe_operator.runtime.work import work
 from bagpipe_operator.settings import Settings
 from tests.unit.operator import virtual_time
@@ -106,7 +106,7 @@ async def burst(settings: Settings, jobs: int = JOBS, seconds: float = WRITE_SEC
         api.put("pods", driver.object())
         view.put_pod(driver.view())
         view.put_job(JobView.from_object(api.objects["jobs", name]))
-    queue = WorkQueue(tenant_of=view.namespace_of, most_of_one=most_of_one(settings.workers))
+    queue = WorkQueue(tenant_of=view.namespace_of, workers=settings.workers)
     clock = lambda: BEGUN + timedelta(seconds=now())  # noqa: E731
     reconciler = Reconciler(FencedApi(api, fence), view, CountingDrivers(), settings, clock)
     sweeper, metrics = Sweeper(view, queue, settings.sweep_seconds), JobMetrics(view, queue)

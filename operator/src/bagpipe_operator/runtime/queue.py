@@ -17,6 +17,8 @@ RETRY_LIMIT = 8
 REST_SECONDS = 120.0
 # One turn in so many is for new jobs, whatever else waits; the others are shared by the rest.
 TURNS = 4
+# So many workers may a tenant have for each that is free beside the last.
+BUSY_FOR_EACH_FREE = 3
 
 
 class Lane(IntEnum):
@@ -34,9 +36,13 @@ def retry_delay(failures: int) -> float:
     return float(min(LONGEST_RETRY_SECONDS, FIRST_RETRY_SECONDS * 2 ** (failures - 1)))
 
 
-def most_of_one(workers: int) -> int:
-    """How many of the workers one tenant may keep busy: a quarter is left to all others."""
-    return workers - workers // 4
+def has_its_share(busy: int, free: int) -> bool:
+    """Whether a tenant that has `busy` of the workers is to leave those that are free to others.
+
+    Alone it has three quarters of them, and the less the more tenants have some; the last one that
+    is free is for a tenant that has none.
+    """
+    return busy > 0 and busy >= BUSY_FOR_EACH_FREE * (free - 1)
 
 
 def order(turn: int) -> tuple[Lane, ...]:
@@ -62,8 +68,8 @@ class _Turns:
         if not self._keys[tenant]:
             del self._keys[tenant]
 
-    def take(self, is_full: Callable[[str], bool]) -> str | None:
-        tenant = next((each for each in self._keys if not is_full(each)), None)
+    def take(self, has_its_share: Callable[[str], bool]) -> str | None:
+        tenant = next((each for each in self._keys if not has_its_share(each)), None)
         if tenant is None:
             return None
         key = next(iter(self._keys[tenant]))
@@ -77,19 +83,19 @@ class WorkQueue:
     """Keys; in each lane their tenants take turns, so that no tenant's thousands come first.
 
     `tenant_of` says whose a key is: a job's namespace. Turns alone would not do where the visits of
-    one tenant's jobs take long, as of drivers that hang: they would have all workers in the end. So
-    at most `most_of_one` of a tenant's keys are worked on at once; None: as many as there are.
+    some tenants' jobs take long, as of drivers that hang: they would have all workers in the end.
+    So of the `workers` that there are each tenant has its share; None: as many as it can get.
     """
 
     def __init__(
         self,
         now: Callable[[], float] | None = None,
         tenant_of: Callable[[str], str] = lambda _key: "",
-        most_of_one: int | None = None,
+        workers: int | None = None,
     ) -> None:
         self._now = now or (lambda: asyncio.get_running_loop().time())
         self._tenant_of = tenant_of
-        self._most_of_one = most_of_one
+        self._workers = workers
         self._ready: dict[Lane, _Turns] = {lane: _Turns() for lane in Lane}
         self._place: dict[str, tuple[Lane, str]] = {}  # lane and tenant of each key that is ready
         self._turn = 0
@@ -148,7 +154,7 @@ class WorkQueue:
     def _take(self) -> str | None:
         """The next key, or None where none is ready of a tenant that may have another worker."""
         for lane in order(self._turn):
-            key = self._ready[lane].take(self._is_full)
+            key = self._ready[lane].take(self._has_its_share)
             if key is not None:
                 self._turn += 1
                 _, tenant = self._place.pop(key)
@@ -157,8 +163,10 @@ class WorkQueue:
                 return key
         return None
 
-    def _is_full(self, tenant: str) -> bool:
-        return self._most_of_one is not None and self._busy_of[tenant] >= self._most_of_one
+    def _has_its_share(self, tenant: str) -> bool:
+        if self._workers is None:
+            return False
+        return has_its_share(self._busy_of[tenant], self._workers - len(self._busy))
 
     def _wake_one(self) -> None:
         while self._idle:
@@ -191,8 +199,8 @@ class WorkQueue:
     def _release(self, key: str) -> None:
         tenant = self._busy.pop(key, None)
         if tenant is not None:
-            if self._is_full(tenant):
-                self._wake_one()  # for what waited until it was not
+            if self._place:
+                self._wake_one()  # others' shares are larger now, and this tenant's may be
             self._busy_of[tenant] -= 1
             if not self._busy_of[tenant]:
                 del self._busy_of[tenant]

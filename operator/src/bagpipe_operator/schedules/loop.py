@@ -9,7 +9,7 @@ import kopf
 from bagpipe_operator.runtime.census import Census
 from bagpipe_operator.runtime.clock import utc_now
 from bagpipe_operator.runtime.metrics import Metrics
-from bagpipe_operator.runtime.queue import WorkQueue, most_of_one
+from bagpipe_operator.runtime.queue import WorkQueue
 from bagpipe_operator.runtime.work import work
 from bagpipe_operator.schedules import watch
 from bagpipe_operator.schedules.alarms import Alarms
@@ -34,7 +34,7 @@ class ScheduleLoop:
         self._metrics = metrics
         self._leads = leads
         self._view = Schedules()
-        self._queue = WorkQueue(tenant_of=self._view.namespace_of, most_of_one=most_of_one(WORKERS))
+        self._queue = WorkQueue(tenant_of=self._view.namespace_of, workers=WORKERS)
         self._alarms = Alarms(self._queue, now)
         self._reconciler = ScheduleReconciler(
             api, self._view, self._alarms, ScheduleMetrics(self._view, metrics.registry), now
