@@ -1,15 +1,20 @@
 """Jobs that went while nobody watched are forgotten, and no other."""
 
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 
 import pytest
 
+from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import ApiError
+from bagpipe_operator.jobs.claim import Claim
 from bagpipe_operator.jobs.view import View
 from bagpipe_operator.runtime.census import Census
 from bagpipe_operator.runtime.queue import WorkQueue
+from bagpipe_operator.schedules.view import ScheduledJob, Schedules, ScheduleView
 from tests.unit.operator.builders import make_driver, make_job
-from tests.unit.operator.schedules.world import UID, World
+from tests.unit.operator.schedules.world import UID, World, make_schedule, name_of
+from tests.unit.operator.schedules.world import make_job as made_by_schedule
 
 
 @dataclass
@@ -54,6 +59,29 @@ async def test_what_is_gone_is_forgotten(namespaces: tuple[str | None, ...]) -> 
     assert await census.count() == 0
 
 
+async def test_pods_that_went_without_a_word_after_their_job_are_forgotten() -> None:
+    view, queue = viewing("here", "gone"), WorkQueue()
+    for name in ("here", "gone"):
+        view.put_pod(make_driver(name).view())
+    view.drop_job("uid-of-gone")
+    census = Census(view, queue, Register(view, {None: {"uid-of-here"}}).job_uids, (None,))
+    assert await census.count() == 1
+    assert [pod.name for pod in view.all_pods()] == ["here-1-driver"]
+    assert await census.count() == 0
+
+
+async def test_pods_that_run_another_job_outlast_the_job_that_they_were_made_for() -> None:
+    """Its garbage collector was asked to leave them."""
+    view, driver = viewing(), make_driver("host").running().view()
+    view.put_pod(driver)
+    now = datetime(2026, 11, 20, tzinfo=UTC)
+    claim = Claim(driver.uid, now, "Taken", driver.name, "host", "uid-of-host")
+    view.put_job(make_job("guest").with_status(pool=claim.as_status("lanes")).view())
+    census = Census(view, WorkQueue(), Register(view, {None: {"uid-of-guest"}}).job_uids, (None,))
+    assert await census.count() == 0
+    assert [pod.name for pod in view.pods("uid-of-guest")] == [driver.name]
+
+
 async def test_what_was_created_while_the_list_was_read_stays() -> None:
     view = viewing("here")
     register = Register(view, {None: {"uid-of-here"}}, created=["new"])
@@ -84,3 +112,36 @@ async def test_a_schedule_that_is_gone_is_forgotten() -> None:
     there.clear()
     assert (await census.count(), await queue.get()) == (1, UID)
     assert 'bagpipe_schedules{state="Stalled"} 0.0' in world.exposed()
+
+
+async def test_jobs_of_a_schedule_that_is_gone_are_forgotten() -> None:
+    """The watch reported the schedule's deletion, and not that of its jobs."""
+    view = Schedules()
+    view.put_job(ScheduledJob.from_object(passed_job()))
+    view.drop_schedule(UID)
+    await Census(view, WorkQueue(), _none, (None,)).count()
+    assert (view.jobs(UID), view.uids()) == ((), [])
+
+
+async def test_the_last_run_that_passed_is_forgotten_with_its_schedule() -> None:
+    """Its job was removed before: schedules that come and go would fill the memory."""
+    view, schedule, job = Schedules(), make_schedule(), ScheduledJob.from_object(passed_job())
+    view.put_schedule(ScheduleView.from_object(schedule))
+    view.put_job(job)
+    view.drop_job(job)
+    assert view.last_passed(UID) == job.passed_run is not None
+    view.drop_schedule(UID)
+    await Census(view, WorkQueue(), _none, (None,)).count()
+    view.put_schedule(ScheduleView.from_object(schedule))
+    assert view.last_passed(UID) is None
+
+
+def passed_job() -> Json:
+    job = made_by_schedule(name_of(1), "Complete")
+    job["status"]["results"] = "s3://results/a"
+    job["status"]["conditions"].append({"type": "Passed", "status": "True"})
+    return job
+
+
+async def _none(_: str | None) -> set[str]:
+    return set()

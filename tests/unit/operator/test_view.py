@@ -61,9 +61,9 @@ def test_a_pod_whose_label_is_written_again_and_again_is_kept_once() -> None:
         pod = replace(pod, job_uid=f"uid-{number}", resource_version=str(10 + number))
         assert view.put_pod(pod)
     assert [kept.job_uid for kept in view.all_pods()] == ["uid-99"]
-    assert (len(view._pods), len(view._made_for)) == (1, 1)
+    assert (len(view._pods), view.uids()) == (1, ["uid-99"])
     view.drop_pod(pod)
-    assert (view._pods, view._made_for) == ({}, {})
+    assert (len(view._pods), view.uids()) == (0, [])
 
 
 def test_a_bare_pod_is_understood() -> None:

@@ -16,6 +16,7 @@ from bagpipe_operator.api.kept_spec import packed, scalars, what_decides
 from bagpipe_operator.api.nesting import bounded
 from bagpipe_operator.api.objects import Json, is_older
 from bagpipe_operator.api.runs import schedule_of
+from bagpipe_operator.cluster.kept_once import KeptOnce
 from bagpipe_operator.cluster.large_objects import TRIMMED, is_large
 from bagpipe_operator.jobs.claim import Claim, driver_name, taken
 
@@ -268,9 +269,8 @@ class View:
 
     def __init__(self) -> None:
         self._jobs: dict[str, JobView] = {}
-        self._pods: dict[str, dict[tuple[str, str], PodView]] = {}
-        # The job that each pod was made for, as its label was when it was last seen.
-        self._made_for: dict[tuple[str, str], str] = {}
+        # By the job that each was made for, as its label was when it was last seen.
+        self._pods = KeptOnce[PodView](lambda pod: pod.job_uid)
         self._gone: dict[str, deque[PodView]] = {}
         # The jobs that run, or have run, in the pods that were made for another job, by its UID.
         self._guests: dict[str, set[str]] = {}
@@ -303,7 +303,7 @@ class View:
         And a driver's token may write any UID, but no other job's name.
         Pods that run another job are that one's, and look as if they had been made for it.
         """
-        job, pods = self._jobs.get(job_uid), self._pods.get(job_uid, {})
+        job, pods = self._jobs.get(job_uid), self._pods.of(job_uid)
         found = [pods[key] for key in sorted(pods)]
         own = [pod for pod in found if job is None or _is_of(job, pod)]
         if job_uid in self._guests:
@@ -315,7 +315,7 @@ class View:
         claim = taken(job.status) if job is not None else None
         if job is None or claim is None or self.user_of(claim.uid, claim.attempt) != job.uid:
             return []
-        pods = self._pods.get(claim.uid, {})
+        pods = self._pods.of(claim.uid)
         return [
             _as_of(job, pods[key])
             for key in sorted(pods)
@@ -353,8 +353,8 @@ class View:
 
     def _has_pods(self, job: JobView) -> bool:
         """Whether there may be any, its own or another's: thousands have none."""
-        made_for = job.status["pool"].get("uid")
-        return job.uid in self._pods or made_for in self._pods
+        made_for = str(job.status["pool"].get("uid") or job.uid)
+        return bool(self._pods.of(job.uid) or self._pods.of(made_for))
 
     def shown(self, pod: PodView) -> PodView:
         """A pod as it came from the API server, as that of the job that it runs."""
@@ -366,7 +366,7 @@ class View:
 
     def all_pods(self) -> Iterator[PodView]:
         """The pods of all jobs."""
-        return (pod for pods in list(self._pods.values()) for pod in pods.values())
+        return iter(self._pods)
 
     def pods_of(self, job_uid: str, attempt: int) -> tuple[PodView, ...]:
         """The pods of one attempt, without a copy that somebody has made of its driver.
@@ -432,14 +432,15 @@ class View:
         self._gone.pop(uid, None)
 
     def uids(self) -> list[str]:
-        """Of all known jobs."""
-        return list(self._jobs)
+        """Of all known jobs, and of those that have pods and are not known, but for pods that run,
+        or have run, another job: they may outlast the one that they were made for."""
+        owners = (uid for uid in self._pods.owners() if uid not in self._guests)
+        return list(dict.fromkeys((*self._jobs, *owners)))
 
     def forget(self, job_uid: str) -> None:
         """Forgets a job that is gone, and its pods; those that still exist are reported again."""
         self.drop_job(job_uid)
-        for key in self._pods.pop(job_uid, {}):
-            del self._made_for[key]
+        self._pods.take_out_all(job_uid)
 
     def gone_pods(self, job_uid: str) -> tuple[PodView, ...]:
         """The last pods of an unfinished job that were seen to go, as they were at the end."""
@@ -451,37 +452,23 @@ class View:
         The answer to our own POST or GET may be ahead of the watch, which then still delivers the
         end of a namesake: taken for this pod's, it would end a healthy driver.
         """
-        key = (pod.namespace, pod.name)
-        known = self._known(key)
+        known = self._pods.known(pod)
         if known is not None and is_older(pod.resource_version, known.resource_version):
             return False
-        if known is not None and known.job_uid != pod.job_uid:
-            self._take_out(known)  # labels can be written again, without end
-        self._pods.setdefault(pod.job_uid, {})[key] = pod
-        self._made_for[key] = pod.job_uid
+        self._pods.put(pod)
         return known is None or replace(known, resource_version=pod.resource_version) != pod
 
     def drop_pod(self, pod: PodView) -> None:
         """Takes a pod away, unless another of the same name has taken its place."""
-        known = self._known((pod.namespace, pod.name))
+        known = self._pods.known(pod)
         if known is None or known.uid != pod.uid:
             return
-        self._take_out(known)
+        self._pods.take_out(known)
         shown = self.shown(known)
         job = self._jobs.get(shown.job_uid)
         if job is not None and not job.finished and _is_of(job, shown):
             gone = self._gone.setdefault(job.uid, deque(maxlen=MOST_GONE_PODS))
             gone.append(replace(pod, job_uid=job.uid, job=job.name, attempt=shown.attempt))
-
-    def _known(self, key: tuple[str, str]) -> PodView | None:
-        """The pod of that namespace and name, which is kept by the job that it was made for."""
-        return self._pods.get(self._made_for.get(key, ""), {}).get(key)
-
-    def _take_out(self, pod: PodView) -> None:
-        key = (pod.namespace, pod.name)
-        del self._made_for[key], self._pods[pod.job_uid][key]
-        if not self._pods[pod.job_uid]:
-            del self._pods[pod.job_uid]
 
 
 def _order_of_guests(job: JobView) -> tuple[bool, str, str]:

@@ -13,6 +13,7 @@ from bagpipe_operator.api.nesting import DEEPEST, bounded
 from bagpipe_operator.api.objects import Json, is_older
 from bagpipe_operator.api.pool_driver import own_driver_in_pool
 from bagpipe_operator.api.runs import PassedRun, controller_of, passed_run, run_of
+from bagpipe_operator.cluster.kept_once import KeptOnce
 from bagpipe_operator.cluster.large_objects import is_large
 
 
@@ -157,9 +158,8 @@ class Schedules:
 
     def __init__(self) -> None:
         self._schedules: dict[str, ScheduleView] = {}
-        self._jobs: dict[str, dict[tuple[str, str], ScheduledJob]] = {}
-        # The owner that each job called its own when it was last seen.
-        self._owners: dict[tuple[str, str], str] = {}
+        # By the owner that each called its own when it was last seen.
+        self._jobs = KeptOnce[ScheduledJob](lambda job: job.schedule_uid)
         # A job that passed may be gone before its schedule is looked at, as by ttlAfterFinished.
         self._passed: dict[str, dict[str, PassedRun]] = {}
 
@@ -182,8 +182,8 @@ class Schedules:
         return iter(list(self._schedules.values()))
 
     def uids(self) -> list[str]:
-        """Of all known schedules."""
-        return list(self._schedules)
+        """Of all known schedules, and of others of which a job or a run that passed is known."""
+        return list(dict.fromkeys((*self._schedules, *self._jobs.owners(), *self._passed)))
 
     def put_schedule(self, schedule: ScheduleView) -> bool:
         """Keeps a schedule unless something newer is known; says whether it was kept."""
@@ -200,7 +200,7 @@ class Schedules:
     def forget(self, uid: str) -> None:
         """Forgets a schedule that is gone, and its jobs, which go with it."""
         self.drop_schedule(uid)
-        self._take_all_out(uid)
+        self._jobs.take_out_all(uid)
         self._passed.pop(uid, None)
 
     def last_passed(self, uid: str) -> PassedRun | None:
@@ -209,7 +209,7 @@ class Schedules:
 
     def jobs(self, uid: str) -> tuple[ScheduledJob, ...]:
         """A schedule's jobs, the earliest run first."""
-        schedule, jobs = self._schedules.get(uid), self._jobs.get(uid, {}).values()
+        schedule, jobs = self._schedules.get(uid), self._jobs.of(uid).values()
         own = (job for job in jobs if schedule is None or schedule.namespace == job.namespace)
         return tuple(sorted(own, key=lambda job: (len(job.name), job.name)))
 
@@ -219,19 +219,17 @@ class Schedules:
         A list or the answer to our own POST may be ahead of the watch, which then still delivers
         what was before.
         """
-        known = self._known(_key(job))
+        known = self._jobs.known(job)
         if known is not None and is_older(job.resource_version, known.resource_version):
             return False
-        changed = known != job
-        if known is not None and known.schedule_uid != job.schedule_uid:
-            self._take_out(known)  # owners can be written again, without end
-        self._jobs.setdefault(job.schedule_uid, {})[_key(job)] = job
-        self._owners[_key(job)] = job.schedule_uid
+        self._jobs.put(job)
+        if known is not None:
+            self._forget_passed_without_jobs(known.schedule_uid)
         if job.passed_run is not None:
             passed = self._passed.setdefault(job.schedule_uid, {})
             before = passed.get(job.namespace, job.passed_run)
             passed[job.namespace] = max(before, job.passed_run)
-        return changed
+        return known != job
 
     def replace_jobs(self, uid: str, jobs: list[ScheduledJob]) -> None:
         """Takes the API server's own list in place of what was seen.
@@ -239,33 +237,20 @@ class Schedules:
         The watch may have brought what is newer while the list was read.
         """
         listed = [job for job in jobs if job.schedule_uid == uid]
-        known = self._jobs.get(uid, {})
-        newest = {_key(job): known.get(_key(job), job) for job in listed}
-        self._take_all_out(uid)
-        for job in (*newest.values(), *listed):
+        known = [each for job in listed if (each := self._jobs.known(job)) is not None]
+        newest = [each for each in known if each.schedule_uid == uid]
+        self._jobs.take_out_all(uid)
+        for job in (*newest, *listed):
             self.put_job(job)
 
     def drop_job(self, job: ScheduledJob) -> None:
         """Forgets a job, unless another of the same name has taken its place."""
-        known = self._known(_key(job))
+        known = self._jobs.known(job)
         if known is not None and known.uid == job.uid:
-            self._take_out(known)
+            self._jobs.take_out(known)
+            self._forget_passed_without_jobs(known.schedule_uid)
 
-    def _known(self, key: tuple[str, str]) -> ScheduledJob | None:
-        return self._jobs.get(self._owners.get(key, ""), {}).get(key)
-
-    def _take_out(self, job: ScheduledJob) -> None:
-        uid = job.schedule_uid
-        del self._owners[_key(job)], self._jobs[uid][_key(job)]
-        if not self._jobs[uid]:
-            del self._jobs[uid]
-            if uid not in self._schedules:
-                self._passed.pop(uid, None)
-
-    def _take_all_out(self, uid: str) -> None:
-        for key in self._jobs.pop(uid, {}):
-            del self._owners[key]
-
-
-def _key(job: ScheduledJob) -> tuple[str, str]:
-    return job.namespace, job.name
+    def _forget_passed_without_jobs(self, uid: str) -> None:
+        """Owners can be written again, without end."""
+        if uid not in self._schedules and not self._jobs.of(uid):
+            self._passed.pop(uid, None)

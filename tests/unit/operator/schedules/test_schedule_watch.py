@@ -60,10 +60,10 @@ def test_a_job_whose_owner_is_written_again_and_again_is_kept_once(
         job["metadata"]["ownerReferences"][0]["uid"] = f"uid-{number}"
         watcher.job_event({"type": "MODIFIED", "object": job})
     view = watcher.view
-    assert [len(kept) for kept in (view._jobs, view._owners, view._passed)] == [1, 1, 1]
+    assert (len(view._jobs), view.uids()) == (1, ["uid-99"])
     job["metadata"]["ownerReferences"] = []
     watcher.job_event({"type": "MODIFIED", "object": job})
-    assert (view._jobs, view._owners, view._passed) == ({}, {}, {})
+    assert (len(view._jobs), view.uids()) == (0, [])
 
 
 def test_what_was_before_does_not_come_back(watcher: ScheduleWatch) -> None:
