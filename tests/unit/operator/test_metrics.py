@@ -1,16 +1,19 @@
 """Milestones by what two statuses say, and the figures that a scrape shows of them."""
 
+import contextlib
 import itertools
 from typing import Any
 
 import pytest
 from prometheus_client import generate_latest
 
+from bagpipe_operator.cluster.client import ApiError
 from bagpipe_operator.jobs import milestones
 from bagpipe_operator.jobs.metrics import JobMetrics
 from bagpipe_operator.jobs.view import JobView, View
 from bagpipe_operator.runtime.queue import WorkQueue
 from tests.unit.operator.builders import make_driver, make_executor, make_job
+from tests.unit.operator.world import World
 
 DAY = "2026-11-20T04:"
 
@@ -86,6 +89,31 @@ def test_what_never_ran_took_no_time_to_run() -> None:
     failed = job(condition("Failed", "00:40"), phase="Failed", completionTime=at("00:40"))
     assert list(milestones.passed(job(), failed)) == []
     assert milestones.ended(job(), failed) == milestones.Ended("Failed", "None")
+
+
+async def test_a_status_that_somebody_else_writes_again_and_again_adds_no_series() -> None:
+    """Its words would be labels, and each of them would stay in the operator's memory."""
+    world, series = World(), list[int]()
+    metrics = JobMetrics(world.view, WorkQueue())
+    world.reconciler.counted = metrics.job_written
+    await world.reconcile()
+    for number in range(20):
+        # Between the operator's look and its write, which is refused: it may be the operator's own.
+        odd = number % 2
+        ends = condition("Failed" if number % 4 == 1 else "Complete", "00:00", str(bool(odd)))
+        written = world.api.objects["jobs", "x"]
+        written["metadata"]["resourceVersion"] = str(1000 + number)
+        written["status"] = {
+            "phase": f"p{number}", "verdict": f"v{number}", "conditions": [ends],
+            "pool": {"state": "Cold" if odd else "", "reason": f"r{number}"},
+        }  # fmt: skip
+        with contextlib.suppress(ApiError):
+            await world.reconcile(after=3)
+        series.append(len(generate_latest(metrics.registry).splitlines()))
+    assert series[-1] == series[4]
+    counts = [value(metrics, "bagpipe_jobs_ended_total", phase=phase, verdict="None")
+              for phase in ("Complete", "Failed")]  # fmt: skip
+    assert all(counts)
 
 
 def value(metrics: JobMetrics, name: str, **labels: str) -> float | None:

@@ -6,10 +6,12 @@ A status holds whole seconds, so each figure is right to within one.
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import datetime
+from typing import get_args
 
 from bagpipe_operator.api import conditions, readings, reasons
 from bagpipe_operator.api.objects import Json
 from bagpipe_operator.jobs.claim import COLD
+from bagpipe_operator.jobs.pools.warm import ColdReason
 from bagpipe_operator.jobs.view import JobView
 
 ACCEPTED = "created_to_accepted"
@@ -52,19 +54,24 @@ def ended(before: JobView, after: JobView) -> Ended | None:
     if before.finished or not after.finished:
         return None
     verdict = str(after.status.get("verdict") or "None")
-    phase = str(after.status.get("phase"))
+    # Not its phase, which may be any text where somebody else has written the status meanwhile.
+    phase = conditions.COMPLETE if conditions.COMPLETE in _true(after) else conditions.FAILED
     return Ended(phase, verdict if verdict in VERDICTS else "None")
 
 
 def begun_in_pool(before: JobView, after: JobView) -> str | None:
     """How a job of a pool began, if that was decided between the two statuses.
 
-    `Taken` by a driver that waited, or the reason for pods of its own.
+    `Taken` by a driver that waited, or the reason for pods of its own; None for one that is not
+    ours, as where somebody else has written the status meanwhile.
     """
     old, new = (readings.mapping(job.status.get("pool")) for job in (before, after))
     if new.get("state") not in {"Taken", COLD} or old.get("state") == new["state"]:
         return None
-    return "Taken" if new["state"] == "Taken" else str(new.get("reason") or "None")
+    if new["state"] == "Taken":
+        return "Taken"
+    reason = new.get("reason")
+    return reason if reason in get_args(ColdReason) else None
 
 
 def _true(job: JobView) -> dict[str, str]:

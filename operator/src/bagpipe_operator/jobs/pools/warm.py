@@ -56,11 +56,17 @@ class WarmDriver:
         return self.idle_since is not None
 
 
+ColdReason = Literal[
+    "NoneWaits", "PodsDiffer", "AboutToEnd", "PoolsOff", "Queued", "ImagePulled", "OwnEvaluator",
+    "DriverGone", "DriverRefused",
+]  # fmt: skip
+
+
 @dataclass(frozen=True)
 class Cold:
-    """Why a job gets pods of its own; `reason` is CamelCase, the message a sentence."""
+    """Why a job gets pods of its own; the message is a sentence."""
 
-    reason: str
+    reason: ColdReason
     message: str
 
 
