@@ -119,8 +119,8 @@ async def run(settings: Settings) -> None:
             on_lead=take_up,
         )
         health = serve.Health(sweeper, lease_trouble=election.trouble)
-        application = serve.application(health, metrics)
-        runner = await serve.start(application, settings.listen_host, settings.listen_port)
+        answers = serve.answers(health, metrics)
+        runner = await serve.start(answers, settings.listen_host, settings.listen_port)
         stack.push_async_callback(runner.cleanup)
         await wait_until_watchable(api, settings)
         namespaces = settings.watch_namespaces or (None,)

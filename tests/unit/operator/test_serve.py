@@ -1,10 +1,13 @@
 """/metrics, /livez and /readyz, over real HTTP; the clock is asyncio's own, made fast."""
 
 import asyncio
+import time
+from collections.abc import Iterator
 
 import aiohttp
 import pytest
-from aiohttp import web
+from prometheus_client.core import Metric
+from prometheus_client.registry import Collector
 
 from bagpipe_operator.jobs.metrics import JobMetrics
 from bagpipe_operator.jobs.sweep import Sweeper
@@ -14,7 +17,7 @@ from bagpipe_operator.runtime.queue import WorkQueue
 from tests.unit.operator.builders import make_job
 
 
-async def ask(app: web.Application, path: str) -> tuple[int, str]:
+async def ask(app: serve.Answers, path: str) -> tuple[int, str]:
     runner = await serve.start(app, "127.0.0.1", 0)
     port = runner.addresses[0][1]
     url = f"http://127.0.0.1:{port}{path}"
@@ -27,9 +30,9 @@ async def ask(app: web.Application, path: str) -> tuple[int, str]:
 async def test_not_ready_before_the_watches_and_alive_all_the_same() -> None:
     view, queue = View(), WorkQueue()
     health = serve.Health(Sweeper(view, queue, 2.0))
-    app = serve.application(health, JobMetrics(view, queue))
+    app = serve.answers(health, JobMetrics(view, queue))
     assert await ask(app, "/livez") == (200, "ok\n")
-    app = serve.application(health, JobMetrics(view, queue))
+    app = serve.answers(health, JobMetrics(view, queue))
     status, text = await ask(app, "/readyz")
     assert (status, text) == (503, "the watches have not started: is the CRD installed?\n")
 
@@ -46,9 +49,86 @@ async def test_a_replica_that_can_not_stand_by_is_alive_and_not_ready() -> None:
 async def test_metrics_say_who_leads(leads: bool, value: str) -> None:
     view, queue = View(), WorkQueue()
     metrics = JobMetrics(view, queue, leads=lambda: leads)
-    app = serve.application(serve.Health(Sweeper(view, queue, 2.0)), metrics)
+    app = serve.answers(serve.Health(Sweeper(view, queue, 2.0)), metrics)
     _, text = await ask(app, "/metrics")
     assert f"bagpipe_leader {value}" in text
+
+
+async def opened(port: int) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+    """A connection that begins a request and never ends it."""
+    reader, writer = await asyncio.open_connection("127.0.0.1", port)
+    writer.write(b"GET /livez HTTP/1.1\r\nX: ")
+    await writer.drain()
+    return reader, writer
+
+
+async def test_who_opens_connections_without_end_takes_no_memory_and_holds_up_no_probe() -> None:
+    view, queue = View(), WorkQueue()
+    app = serve.answers(serve.Health(Sweeper(view, queue, 2.0)), JobMetrics(view, queue))
+    runner = await serve.start(app, "127.0.0.1", 0)
+    port = runner.addresses[0][1]
+    strangers = [await opened(port) for _ in range(3 * serve.MOST_CONNECTIONS)]
+    async with asyncio.timeout(60), aiohttp.ClientSession() as session:
+        async with session.get(f"http://127.0.0.1:{port}/livez") as response:
+            assert (response.status, await response.text()) == (200, "ok\n")
+        # Those that came first were closed, and the last ones are there.
+        gone = strangers[: 2 * serve.MOST_CONNECTIONS]
+        assert {await reader.read() for reader, _ in gone} == {b""}
+    assert not strangers[-1][0].at_eof()
+    for _, writer in strangers:
+        writer.close()
+    await runner.cleanup()
+
+
+async def test_a_connection_without_a_request_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(serve, "IDLE_SECONDS", 0.1)
+    view, queue = View(), WorkQueue()
+    app = serve.answers(serve.Health(Sweeper(view, queue, 2.0)), JobMetrics(view, queue))
+    runner = await serve.start(app, "127.0.0.1", 0)
+    reader, writer = await opened(runner.addresses[0][1])
+    async with asyncio.timeout(60):
+        assert await reader.read() == b""
+    writer.close()
+    await runner.cleanup()
+
+
+async def test_who_scrapes_without_end_has_the_metrics_made_once_a_second() -> None:
+    view, queue = View(), WorkQueue()
+    view.put_job(make_job("alpha").view())
+    metrics, made = JobMetrics(view, queue), list[None]()
+
+    class Counted(Collector):
+        def collect(self) -> Iterator[Metric]:
+            made.append(None)
+            return iter(())
+
+    metrics.registry.register(Counted())
+    made.clear()
+    app = serve.answers(serve.Health(Sweeper(view, queue, 2.0)), metrics)
+    runner = await serve.start(app, "127.0.0.1", 0)
+    url, begun = f"http://127.0.0.1:{runner.addresses[0][1]}/metrics", time.monotonic()
+    async with aiohttp.ClientSession() as session:
+
+        async def text() -> str:
+            async with session.get(url) as response:
+                return await response.text()
+
+        texts = await asyncio.gather(*(text() for _ in range(50)))
+    seconds = time.monotonic() - begun
+    assert all("bagpipe_jobs" in text for text in texts)
+    assert len(made) <= 1 + seconds / serve.SCRAPE_SECONDS
+    await runner.cleanup()
+
+
+@pytest.mark.parametrize(("method", "path", "status"), [("POST", "/livez", 405), ("GET", "/", 404)])
+async def test_other_requests_are_refused(method: str, path: str, status: int) -> None:
+    view, queue = View(), WorkQueue()
+    app = serve.answers(serve.Health(Sweeper(view, queue, 2.0)), JobMetrics(view, queue))
+    runner = await serve.start(app, "127.0.0.1", 0)
+    url = f"http://127.0.0.1:{runner.addresses[0][1]}{path}"
+    async with aiohttp.ClientSession() as session, session.request(method, url) as response:
+        assert response.status == status
+    await runner.cleanup()
 
 
 @pytest.mark.looptime
@@ -69,7 +149,7 @@ async def test_metrics_count_jobs_by_phase_without_naming_them() -> None:
     view.put_job(make_job("beta").with_status(phase="Running").view())
     view.put_job(make_job("gamma").view())
     queue.add("uid-of-alpha")
-    app = serve.application(serve.Health(Sweeper(view, queue, 2.0)), JobMetrics(view, queue))
+    app = serve.answers(serve.Health(Sweeper(view, queue, 2.0)), JobMetrics(view, queue))
     status, text = await ask(app, "/metrics")
     assert status == 200
     assert 'bagpipe_jobs{phase="Running"} 2.0' in text
