@@ -2,8 +2,11 @@
 
 import contextlib
 import json
+import socket
+import sys
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -16,6 +19,8 @@ from bagpipe.driver.progress import Progress
 # What a ConfigMap holds, in which the description of any other job comes.
 LARGEST_JOB_BYTES = 1 << 20
 _BODY_SECONDS = 5.0
+# Each has a thread; the operator and who reads metrics have one each, and for a moment.
+MOST_CONNECTIONS = 64
 
 
 @dataclass
@@ -34,9 +39,49 @@ def serve_progress(account: Account, address: str, port: int) -> ThreadingHTTPSe
     class Handler(_Handler):
         served = account
 
-    server = ThreadingHTTPServer((address, port), Handler)
+    server = _Server((address, port), Handler)
     threading.Thread(target=server.serve_forever, name="progress", daemon=True).start()
     return server
+
+
+class _Server(ThreadingHTTPServer):
+    """Where one connection too many comes, the first goes of the address that has most: anybody may
+    open some."""
+
+    # Who has none is not to wait for those who open theirs all at once.
+    request_queue_size = 2 * MOST_CONNECTIONS
+
+    def __init__(self, *words: Any) -> None:
+        self._lock = threading.Lock()
+        self._open: dict[Any, str] = {}  # their addresses
+        super().__init__(*words)
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """A connection has come."""
+        with self._lock:
+            self._open[request] = client_address[0]
+            if len(self._open) > MOST_CONNECTIONS:
+                # Its thread reads its end, and closes it. Whoever opened it may have done so.
+                with contextlib.suppress(OSError):
+                    self._first_of_most().shutdown(socket.SHUT_RDWR)
+        super().process_request(request, client_address)
+
+    def _first_of_most(self) -> Any:
+        [(most, _)] = Counter(self._open.values()).most_common(1)
+        first = next(request for request, address in self._open.items() if address == most)
+        del self._open[first]
+        return first
+
+    def shutdown_request(self, request: Any) -> None:
+        """A connection has been answered, or given up."""
+        with self._lock:
+            self._open.pop(request, None)
+        super().shutdown_request(request)
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Who breaks a connection off writes nothing into the log."""
+        if not isinstance(sys.exc_info()[1], OSError):
+            super().handle_error(request, client_address)
 
 
 class _Handler(BaseHTTPRequestHandler):
