@@ -57,14 +57,10 @@ class SparkExecutors(Collector):
 
     def __init__(self, wanted: Callable[[], int]) -> None:
         self._wanted = wanted
-        self._last: list[dict[str, Any]] = []
-        self._lock = threading.Lock()
-        self._thread: threading.Thread | None = None
-        self._asked, self._answered = threading.Event(), threading.Event()
 
     def collect(self) -> Iterator[Metric]:
         """The executors that the job asked for and has, and what each of these says."""
-        known = self._known()
+        known = _ASKING.known()
         states = GaugeMetricFamily(
             "bagpipe_executors",
             "Executors: wanted by the job for the cases that have not ended, and registered with "
@@ -89,12 +85,24 @@ class SparkExecutors(Collector):
                     family.add_metric([executor["id"]], peaks[peak])
             yield family
 
-    def _known(self) -> list[dict[str, Any]]:
+
+class _Asking:
+    """Asks from one thread, whichever job the driver has: for each thread that asks it the JVM
+    keeps one of its own."""
+
+    def __init__(self) -> None:
+        self._last: list[dict[str, Any]] = []
+        self._lock = threading.Lock()
+        self._thread: threading.Thread | None = None
+        self._asked, self._answered = threading.Event(), threading.Event()
+
+    def known(self) -> list[dict[str, Any]]:
+        """The executors, its driver among them; the last answer where there is none in time."""
         # pyspark offers no public way to the context of the process, nor to its JVM.
         if SparkContext._active_spark_context is None:  # noqa: SLF001
             return []
         with self._lock:
-            if self._thread is None:
+            if self._thread is None or not self._thread.is_alive():
                 self._thread = threading.Thread(target=self._serve, name="executors", daemon=True)
                 self._thread.start()
         self._answered.clear()
@@ -103,12 +111,15 @@ class SparkExecutors(Collector):
         return self._last
 
     def _serve(self) -> None:
-        """Asks from one thread: for each thread that asks it the JVM keeps one of its own."""
         while True:
             self._asked.wait()
             self._asked.clear()
             self._last = _asked_of_spark()
             self._answered.set()
+
+
+# A process has one Spark.
+_ASKING = _Asking()
 
 
 def _asked_of_spark() -> list[dict[str, Any]]:
