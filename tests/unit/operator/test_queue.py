@@ -4,7 +4,15 @@ import asyncio
 
 import pytest
 
-from bagpipe_operator.runtime.queue import RETRY_LIMIT, TURNS, Lane, WorkQueue, retry_delay
+from bagpipe_operator.runtime.queue import (
+    RETRY_LIMIT,
+    TURNS,
+    Lane,
+    WorkQueue,
+    most_in_lane,
+    most_of_one,
+    retry_delay,
+)
 from tests.unit.operator.builders import Clock
 
 
@@ -185,3 +193,28 @@ async def test_only_news_take_a_key_out_of_its_lane() -> None:
     queue.add("other", Lane.ROUND)
     queue.done("second")
     assert await _taken(queue, 2) == ["second", "other"]
+
+
+async def test_neither_new_jobs_nor_rounds_have_all_workers_of_a_tenant() -> None:
+    """Their visits wait for what they write, and news would wait with them."""
+    queue = WorkQueue(tenant_of=lambda key: key[0], most_of_one=6)
+    for number in range(9):
+        queue.add(f"a-new-{number}", Lane.START)
+        queue.add(f"a-round-{number}", Lane.ROUND)
+    begun = [await queue.get() for _ in range(4)]
+    assert sorted(begun) == ["a-new-0", "a-new-1", "a-round-0", "a-round-1"]
+    waiting = asyncio.create_task(queue.get())
+    await asyncio.sleep(0)
+    assert not waiting.done()
+    queue.add("a-fault")
+    assert await waiting == "a-fault"
+    queue.add("b-new", Lane.START)
+    assert await queue.get() == "b-new"
+    waiting = asyncio.create_task(queue.get())
+    await asyncio.sleep(0)
+    queue.done("a-round-0")
+    assert await waiting == "a-round-2"
+
+
+def test_however_few_workers_there_are_each_lane_has_one() -> None:
+    assert [most_in_lane(most_of_one(workers)) for workers in (1, 2, 4, 32)] == [1, 1, 1, 8]

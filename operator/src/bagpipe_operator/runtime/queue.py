@@ -9,6 +9,8 @@ import asyncio
 from collections import Counter, deque
 from collections.abc import Callable
 from enum import IntEnum
+from functools import partial
+from typing import Any
 
 FIRST_RETRY_SECONDS = 0.5
 LONGEST_RETRY_SECONDS = 30.0
@@ -43,6 +45,11 @@ def has_its_share(busy: int, free: int) -> bool:
     is free is for a tenant that has none.
     """
     return busy > 0 and busy >= BUSY_FOR_EACH_FREE * (free - 1)
+
+
+def most_in_lane(workers: int) -> int:
+    """How many workers a tenant's new jobs may have, and its rounds as many: news finds others."""
+    return max(1, workers // 4)
 
 
 def order(turn: int) -> tuple[Lane, ...]:
@@ -84,7 +91,9 @@ class WorkQueue:
 
     `tenant_of` says whose a key is: a job's namespace. Turns alone would not do where the visits of
     some tenants' jobs take long, as of drivers that hang: they would have all workers in the end.
-    So of the `workers` that there are each tenant has its share; None: as many as it can get.
+    So of the `workers` that there are each tenant has its share; None: as many as it can get. Of all
+    a quarter each at most are a tenant's new jobs and its rounds, whose visits write, and wait for
+    writes: else its news would wait until they have done so.
     """
 
     def __init__(
@@ -99,8 +108,9 @@ class WorkQueue:
         self._ready: dict[Lane, _Turns] = {lane: _Turns() for lane in Lane}
         self._place: dict[str, tuple[Lane, str]] = {}  # lane and tenant of each key that is ready
         self._turn = 0
-        self._busy: dict[str, str] = {}  # the tenant of each key that is worked on
+        self._busy: dict[str, tuple[Lane, str]] = {}  # of each key that is worked on
         self._busy_of: Counter[str] = Counter()
+        self._busy_in: Counter[tuple[Lane, str]] = Counter()
         self._again: dict[str, Lane] = {}
         self._failures: dict[str, int] = {}
         self._not_before: dict[str, float] = {}
@@ -154,18 +164,20 @@ class WorkQueue:
     def _take(self) -> str | None:
         """The next key, or None where none is ready of a tenant that may have another worker."""
         for lane in order(self._turn):
-            key = self._ready[lane].take(self._has_its_share)
+            key = self._ready[lane].take(partial(self._has_its_share, lane))
             if key is not None:
                 self._turn += 1
-                _, tenant = self._place.pop(key)
-                self._busy[key] = tenant
-                self._busy_of[tenant] += 1
+                place = self._busy[key] = self._place.pop(key)
+                self._busy_of[place[1]] += 1
+                self._busy_in[place] += 1
                 return key
         return None
 
-    def _has_its_share(self, tenant: str) -> bool:
+    def _has_its_share(self, lane: Lane, tenant: str) -> bool:
         if self._workers is None:
             return False
+        if lane is not Lane.NEWS and self._busy_in[lane, tenant] >= most_in_lane(self._workers):
+            return True
         return has_its_share(self._busy_of[tenant], self._workers - len(self._busy))
 
     def _wake_one(self) -> None:
@@ -197,13 +209,18 @@ class WorkQueue:
         self._again.pop(key, None)
 
     def _release(self, key: str) -> None:
-        tenant = self._busy.pop(key, None)
-        if tenant is not None:
+        place = self._busy.pop(key, None)
+        if place is not None:
             if self._place:
                 self._wake_one()  # others' shares are larger now, and this tenant's may be
-            self._busy_of[tenant] -= 1
-            if not self._busy_of[tenant]:
-                del self._busy_of[tenant]
+            self._drop(self._busy_in, place)
+            self._drop(self._busy_of, place[1])
         lane = self._again.pop(key, None)
         if lane is not None:
             self.add(key, lane)
+
+    @staticmethod
+    def _drop(counts: Counter[Any], counted: object) -> None:
+        counts[counted] -= 1
+        if not counts[counted]:
+            del counts[counted]
