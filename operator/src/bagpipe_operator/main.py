@@ -25,6 +25,7 @@ from bagpipe_operator.jobs import watch
 from bagpipe_operator.jobs.announcer import Announcer
 from bagpipe_operator.jobs.driver.offer import DriverOffers
 from bagpipe_operator.jobs.driver.progress import ProgressReader
+from bagpipe_operator.jobs.inquiry import Inquiry
 from bagpipe_operator.jobs.kueue.api import FencedKueueApi, KubernetesKueueApi
 from bagpipe_operator.jobs.kueue.queueing import Queueing
 from bagpipe_operator.jobs.kueue.watch import WorkloadWatch, register_workloads
@@ -126,7 +127,11 @@ async def run(settings: Settings) -> None:
         namespaces = settings.watch_namespaces or (None,)
         census = Census(view, queue, api.job_uids, namespaces)
         second = schedules.census(api.schedule_uids, namespaces)
-        tasks = [asyncio.create_task(each.run()) for each in (sweeper, election, census, second)]
+        inquiry = Inquiry(
+            drivers, settings.sweep_seconds, view.namespace_of, queue.add, fence.leads
+        )
+        loops = (sweeper, election, census, second, inquiry)
+        tasks = [asyncio.create_task(each.run()) for each in loops]
         at_work = partial(
             work, reconcile=reconciler.reconcile, metrics=metrics, leads=fence.leads,
             called=view.called,

@@ -10,7 +10,6 @@ from bagpipe_operator.runtime.queue import (
     Lane,
     WorkQueue,
     most_in_lane,
-    most_of_one,
     retry_delay,
 )
 from tests.unit.operator.builders import Clock
@@ -197,7 +196,7 @@ async def test_only_news_take_a_key_out_of_its_lane() -> None:
 
 async def test_neither_new_jobs_nor_rounds_have_all_workers_of_a_tenant() -> None:
     """Their visits wait for what they write, and news would wait with them."""
-    queue = WorkQueue(tenant_of=lambda key: key[0], most_of_one=6)
+    queue = WorkQueue(tenant_of=lambda key: key[0], workers=8)
     for number in range(9):
         queue.add(f"a-new-{number}", Lane.START)
         queue.add(f"a-round-{number}", Lane.ROUND)
@@ -217,4 +216,4 @@ async def test_neither_new_jobs_nor_rounds_have_all_workers_of_a_tenant() -> Non
 
 
 def test_however_few_workers_there_are_each_lane_has_one() -> None:
-    assert [most_in_lane(most_of_one(workers)) for workers in (1, 2, 4, 32)] == [1, 1, 1, 8]
+    assert [most_in_lane(workers) for workers in (1, 2, 4, 32)] == [1, 1, 1, 8]

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from bagpipe_operator.api.objects import Json
 from bagpipe_operator.jobs.driver.progress import parse
-from bagpipe_operator.jobs.policies.urgency import is_urgent
+from bagpipe_operator.jobs.policies.urgency import is_news, is_urgent
 from tests.unit.operator.builders import account
 
 FAULTS = ["failed", "invalid", "errored", "crashed", "lost", "regressed"]
@@ -147,3 +147,42 @@ def test_a_driver_that_counts_to_and_fro_is_urgent_one_way_at_most(
         one, none = running(cases=before | {fault: 1}), running(cases=before | {fault: 0})
         assert (is_urgent(none, one), is_urgent(one, none)) == (True, False)
     assert not is_urgent(running(cases=after), running(cases=after))
+
+
+BEGUN = {"planned": 40, "running": 2, "passed": 1}
+
+
+@pytest.mark.parametrize(
+    "later",
+    [
+        account(cases=BEGUN | {"passed": 30, "running": 1}, message="30 of 40 cases"),
+        account(cases=BEGUN, ledger={"sent": 9000, "received": 9000}, message="1 of 40 cases"),
+        account(cases=BEGUN, message="31 of 40 cases"),
+    ],
+)
+def test_counts_of_a_driver_are_no_news(later: str) -> None:
+    assert not is_news(parse(account(cases=BEGUN, message="1 of 40 cases")), parse(later))
+
+
+@pytest.mark.parametrize(
+    "later",
+    [
+        *(account(cases=BEGUN | {fault: 1}) for fault in FAULTS),
+        account("Planning", cases=BEGUN),
+        account("Complete", cases=BEGUN, verdict="Passed"),
+        account(cases=BEGUN, ended=True),
+        account(cases=BEGUN, warning="the journal could not be written"),
+        account(cases=BEGUN, verdict="Failed"),
+        account(cases=BEGUN, results="pvc://results/elsewhere"),
+        account(cases={"planned": 40}),
+        account(cases=BEGUN, failures=[{"case": "a", "reason": "Lossy", "message": "3 lost"}]),
+        account(cases=BEGUN, comparisons=[
+            {"variant": "v", "verdict": "worse", "regressed": 1, "fixed": 0, "flaky": 0}]),
+    ],
+)  # fmt: skip
+def test_what_a_driver_says_beyond_counts_is_news(later: str) -> None:
+    taken = parse(account(cases=BEGUN))
+    assert taken is not None
+    assert is_news(taken, parse(later))
+    assert is_news(None, taken)
+    assert not is_news(None, None)

@@ -148,8 +148,12 @@ def parse(text: str | bytes) -> Progress | None:
 
 @dataclass
 class _Answer:
+    ip: str = ""
+    whose: tuple[str, int] = ("", 0)
     progress: Progress | None = None
+    taken: Progress | None = None  # what its job was decided by
     asked_at: float = float("-inf")
+    is_asked: bool = False  # at this moment
     silent_since: float | None = None
 
 
@@ -175,21 +179,48 @@ class ProgressReader:
         if answer.progress is not None and not answer.progress.is_of(*whose):
             # Of the job that a driver of a pool had before, whose end nobody has forgotten yet.
             answer = self._answers[uid] = _Answer()
-        now = asyncio.get_running_loop().time()
-        if now - answer.asked_at < LEAST_INTERVAL_SECONDS:
-            return answer.progress
-        answer.asked_at = now
-        progress = await self._ask(ip)
+        answer.ip, answer.whose = ip, whose
+        await self._renew(answer)
+        answer.taken = answer.progress
+        return answer.progress
+
+    def unasked_for(self, seconds: float) -> list[str]:
+        """The drivers that were asked before, and not for so long."""
+        until = asyncio.get_running_loop().time() - seconds
+        return [uid for uid, answer in self._answers.items() if answer.asked_at <= until]
+
+    def job_of(self, uid: str) -> str:
+        """The UID of a driver's job; empty for a driver that is over."""
+        answer = self._answers.get(uid)
+        return answer.whose[0] if answer else ""
+
+    async def ask(self, uid: str) -> tuple[Progress | None, Progress | None]:
+        """Asks a driver beside its job's visits: what the last one took, and what it says now."""
+        answer = self._answers.get(uid)
+        if answer is None:
+            return None, None
+        await self._renew(answer)
+        return answer.taken, answer.progress
+
+    async def _renew(self, answer: _Answer) -> None:
+        """Asks, unless that was just done, or is: answers must not overtake each other."""
+        now, whose = asyncio.get_running_loop().time(), answer.whose
+        if answer.is_asked or now - answer.asked_at < LEAST_INTERVAL_SECONDS:
+            return
+        answer.asked_at, answer.is_asked = now, True
+        try:
+            progress = await self._ask(answer.ip)
+        finally:
+            answer.is_asked = False
         if progress is not None and not progress.is_of(*whose):
             # The pod is gone, the watch does not know it yet, and another has its address.
-            logger.info("%s answers for job %s, not for %s", ip, progress.uid, whose[0])
+            logger.info("%s answers for job %s, not for %s", answer.ip, progress.uid, whose[0])
             progress = None
         self.counted(progress is not None)
         if progress is None:
             answer.silent_since = answer.silent_since if answer.silent_since is not None else now
         else:
             answer.progress, answer.silent_since = progress, None
-        return answer.progress
 
     async def works(self, ip: str) -> bool | None:
         """Whether the driver at that address has a job, whichever; None where none answers."""

@@ -10,6 +10,7 @@ from collections.abc import Callable
 
 from bagpipe_operator.api import readings
 from bagpipe_operator.api.objects import Json
+from bagpipe_operator.jobs.driver.progress import Progress
 
 # Only these phases are visited again and again whatever happens: what waits is not forgotten.
 _VISITED = frozenset({"Planning", "Running"})
@@ -33,6 +34,22 @@ def is_urgent(written: Json, computed: Json) -> bool:
         and _PROGRESS[key](written[key], computed[key])
         for key in changed
     )
+
+
+def is_news(taken: Progress | None, account: Progress | None) -> bool:
+    """Whether a driver's account says more than the one that its job was last decided by."""
+    if taken is None or account is None:
+        return taken is not account
+    return _words(taken) != _words(account) or is_urgent(_shown(taken), _shown(account))
+
+
+def _words(account: Progress) -> tuple[object, ...]:
+    sentences = (_NUMBER.sub("0", text) for text in (account.message, account.warning))
+    return (account.phase, account.ended, account.reason, account.cases.begun, *sentences)
+
+
+def _shown(account: Progress) -> Json:
+    return account.as_status() | {"phase": account.phase}
 
 
 def _cases(before: object, after: object) -> bool:
