@@ -140,6 +140,26 @@ def test_drivers_that_hang_hold_up_those_of_their_own_namespace_alone() -> None:
     virtual_time.run(run())
 
 
+def test_a_driver_that_stays_silent_is_left_to_visits() -> None:
+    """Its pod may be gone, and its address another pod's."""
+
+    async def run() -> None:
+        drivers, visits = Drivers(), list[str]()
+        await visit(drivers, "ours-1")
+        drivers.says["a"] = "no account"
+        asking = inquiring(drivers, visits.append)
+        await asyncio.sleep(60)
+        known = len(drivers.asked)
+        assert 28 < drivers.asked[-1][1] < 34
+        drivers.says["a"] = account()
+        await visit(drivers, "ours-1")
+        await asyncio.sleep(10)
+        assert len(drivers.asked) > known + 2
+        asking.cancel()
+
+    virtual_time.run(run())
+
+
 def test_a_question_that_is_under_way_is_not_asked_twice_and_a_visit_does_not_wait_for_it() -> None:
     async def run() -> None:
         drivers = Drivers()

@@ -24,6 +24,7 @@ MOST_COMPARISONS = 16
 LONGEST_MESSAGE = 1000
 # Events may wake a job many times a second; its driver is asked this often at most.
 LEAST_INTERVAL_SECONDS = 1.5
+ASKED_WHILE_SILENT_SECONDS = 30.0
 
 
 def _cut(longest: int) -> Callable[[object], object]:
@@ -185,9 +186,18 @@ class ProgressReader:
         return answer.progress
 
     def unasked_for(self, seconds: float) -> list[str]:
-        """The drivers that were asked before, and not for so long."""
-        until = asyncio.get_running_loop().time() - seconds
-        return [uid for uid, answer in self._answers.items() if answer.asked_at <= until]
+        """The drivers that were asked before, and not for so long.
+
+        But not those that are silent for ASKED_WHILE_SILENT_SECONDS: another pod may have the
+        address by now, and a visit looks for them.
+        """
+        now = asyncio.get_running_loop().time()
+        return [
+            uid
+            for uid, answer in self._answers.items()
+            if answer.asked_at <= now - seconds
+            and self.silent_seconds(uid) < ASKED_WHILE_SILENT_SECONDS
+        ]
 
     def job_of(self, uid: str) -> str:
         """The UID of a driver's job; empty for a driver that is over."""
