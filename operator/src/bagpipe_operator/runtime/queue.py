@@ -91,9 +91,9 @@ class WorkQueue:
 
     `tenant_of` says whose a key is: a job's namespace. Turns alone would not do where the visits of
     some tenants' jobs take long, as of drivers that hang: they would have all workers in the end.
-    So of the `workers` that there are each tenant has its share; None: as many as it can get. Of all
-    a quarter each at most are a tenant's new jobs and its rounds, whose visits write, and wait for
-    writes: else its news would wait until they have done so.
+    So of the `workers` that there are each tenant has its share; None: as many as it can get. New
+    jobs and rounds have a quarter of all each at most, since their visits write, and wait for
+    writes: else the tenant's news would wait until they have done so.
     """
 
     def __init__(

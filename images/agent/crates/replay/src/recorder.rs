@@ -384,8 +384,8 @@ impl Recorder {
 impl State {
     /// Who sent it, as the recording has it.
     fn connection_of(&self, incoming: &Incoming<'_>) -> Connection {
-        let said = connection_of(incoming);
-        Connection { latching: said.latching || self.latching.contains(&incoming.link), ..said }
+        let introduced = connection_of(incoming);
+        Connection { latching: introduced.latching || self.latching.contains(&incoming.link), ..introduced }
     }
 
     /// The bag's connection for a publisher of a topic, which keeps it when it reconnects; `None`

@@ -26,5 +26,5 @@ rospy.topics._PublisherImpl.enable_latch = once_connected
 rospy.init_node("latches_late", disable_signals=True)
 state = rospy.Publisher("/state", String, queue_size=None, latch=True)
 state.publish("ready")
-rospy.Subscriber("/talk", String, lambda word: None)
+rospy.Subscriber("/talk", String, lambda _: None)
 threading.Event().wait()
