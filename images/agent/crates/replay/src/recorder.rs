@@ -384,8 +384,9 @@ impl Recorder {
 impl State {
     /// Who sent it, as the recording has it.
     fn connection_of(&self, incoming: &Incoming<'_>) -> Connection {
-        let introduced = connection_of(incoming);
-        Connection { latching: introduced.latching || self.latching.contains(&incoming.link), ..introduced }
+        let connection = connection_of(incoming);
+        let latching = connection.latching || self.latching.contains(&incoming.link);
+        Connection { latching, ..connection }
     }
 
     /// The bag's connection for a publisher of a topic, which keeps it when it reconnects; `None`
