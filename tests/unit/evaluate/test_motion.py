@@ -258,8 +258,20 @@ def test_stamps_of_another_clock_leave_the_times_of_receipt() -> None:
 
 
 def test_cars_may_be_poses_with_headers_of_their_own() -> None:
-    path = STORE.types["nav_msgs/msg/Path"](header(11), [stamped(11, 3, 4), stamped(11, 6, 8)])
-    assert found([ego(11), ("/cars", 11, path)], minDistance=1).figure == 5.0
+    places = [stamped(11, 3, 4), stamped(11, 6, 8)]
+    path = STORE.types["nav_msgs/msg/Path"](header(11), places)
+    entries = [ego(11), ("/cars", 11, path)]
+    assert found(entries, minDistance=1).figure == 5.0
+    # One names no frame, none does but the poses, and one is in another one.
+    places[0].header.frame_id = ""
+    assert found(entries, minDistance=1).figure == 5.0
+    header_of: Any = path
+    header_of.header.frame_id = ""
+    assert found(entries, minDistance=1).figure == 5.0
+    places[0].header.frame_id = "base_link"
+    finding = found(entries, minDistance=1)
+    assert finding.outcome == "invalid"
+    assert "/cars in the frame base_link, then map" in finding.message
 
 
 @pytest.mark.parametrize(

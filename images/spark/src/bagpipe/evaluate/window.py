@@ -8,6 +8,7 @@ import itertools
 import statistics
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from bagpipe.evaluate.evidence import Evidence, Received, Sample
 from bagpipe.evaluate.finding import Clock, NoEvidenceError
@@ -165,8 +166,14 @@ def frames_differ(
 
 def _frames(messages: Sequence[Sample]) -> set[str]:
     # tf2 knows no leading slashes, tf writes them.
-    headers = (getattr(each.message, "header", None) for each in messages)
-    return {str(header.frame_id).lstrip("/") for header in headers if header is not None}
+    return {name.lstrip("/") for each in messages for name in _frames_of(each.message)}
+
+
+def _frames_of(message: Any) -> set[str]:
+    """What the message and each of its poses name; no frame where none of them names one."""
+    headers = [getattr(each, "header", None) for each in (message, *getattr(message, "poses", ()))]
+    names = {str(header.frame_id) for header in headers if header is not None}
+    return names - {""} or names
 
 
 def _named(frames: set[str]) -> str:
