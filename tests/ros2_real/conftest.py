@@ -12,10 +12,11 @@ from tests.agent_binary import built as built_agent
 from tests.integration.conftest import RunningAgent
 from tests.ros2_real import nodes
 from tests.ros2_real.agent import agent
-from tests.ros2_real.jobs import Trial
+from tests.ros2_real.jobs import NODE, Trial
 from tests.ros2_real.place import NowhereError, Place, found
 
 MESSAGES = 400
+UNKNOWN_EXECUTOR = 2
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
@@ -49,6 +50,19 @@ def agent_binary() -> Path:
 def prefix(place: Place) -> Path:
     """Where the trial's nodes are installed."""
     return nodes.built(place)
+
+
+@pytest.fixture
+def require_executor(place: Place, prefix: Path) -> Callable[[str], None]:
+    """Skips the test where rclcpp has no executor of a name, as Humble has none of events."""
+
+    def require(name: str) -> None:
+        done = place.run([*NODE, name], prefix)
+        if done.returncode == UNKNOWN_EXECUTOR:
+            pytest.skip(f"rclcpp has no executor {name} here")
+        assert done.returncode == 0, done.stderr
+
+    return require
 
 
 @pytest.fixture
