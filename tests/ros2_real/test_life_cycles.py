@@ -7,9 +7,11 @@ from tests.ros2_real.conftest import MESSAGES
 from tests.ros2_real.jobs import LOCKSTEP, Trial, ledger_of, passed
 
 LIVING = "ros2 run bagpipe_nodes lifecycle --ros-args -p"
-# As somebody does it by hand, or a launch file.
+# As somebody does it by hand, or a launch file. The command looks for the node only so long, and is
+# repeated where it says "Node not found".
 ACTIVATED = f"""{LIVING} by_itself:=false &
-ros2 lifecycle set /living configure && ros2 lifecycle set /living activate
+until ros2 lifecycle set /living configure; do sleep 1; done
+until ros2 lifecycle set /living activate; do sleep 1; done
 wait"""
 
 
