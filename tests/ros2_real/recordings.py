@@ -10,6 +10,7 @@ from tests.ros2_recording import BEGIN, QOS, write_messages
 
 _STORE = get_typestore(Stores.ROS2_HUMBLE)
 TEXT, SCAN = "std_msgs/msg/String", "sensor_msgs/msg/LaserScan"
+TWIST = "geometry_msgs/msg/Twist"
 
 
 def text(data: str) -> bytes:
@@ -43,6 +44,24 @@ def write_scans(path: Path, metres: Iterable[float], period: int = 200_000_000) 
     # As a laser's driver offers them.
     offered = QOS.replace("reliability: reliable", "reliability: best_effort")
     return write_messages(path, SCAN, ["/scan"], scans, offered)
+
+
+def twist(forwards: float, turning: float) -> bytes:
+    """A geometry_msgs/msg/Twist in m/s along x and rad/s about z."""
+    vector = _STORE.types["geometry_msgs/msg/Vector3"]
+    linear, angular = vector(x=forwards, y=0.0, z=0.0), vector(x=0.0, y=0.0, z=turning)
+    return bytes(_STORE.serialize_cdr(_STORE.types[TWIST](linear, angular), TWIST))
+
+
+def write_twists(
+    path: Path, commands: Iterable[tuple[float, float]], period: int = 50_000_000
+) -> Path:
+    """Commands on /cmd_vel, `period` ns after each other, each in m/s and rad/s."""
+    twists = (
+        ("/cmd_vel", BEGIN + number * period, twist(*command))
+        for number, command in enumerate(commands)
+    )
+    return write_messages(path, TWIST, ["/cmd_vel"], twists)
 
 
 def write_texts(

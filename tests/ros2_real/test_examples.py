@@ -11,7 +11,7 @@ import yaml
 from bagpipe.spec import SimulationJobSpec
 from tests.ros2_real.jobs import Trial, ledger_of, passed
 from tests.ros2_real.place import ROOT, Place
-from tests.ros2_real.recordings import write_scans, write_texts
+from tests.ros2_real.recordings import write_scans, write_texts, write_twists
 
 EXAMPLES = ROOT / "docs/examples/ros2"
 JACKAL = ROOT.parent / "shared/data/jackal_bz2.bag"
@@ -52,6 +52,16 @@ def test_a_turtlebot_stands_before_the_wall_twice_alike(trial: Trial, place: Pla
         assert ledger_of(row)[:3] == (51, 51, 0)
         digests.add(trial.digest(row))
     assert len(digests) == 1
+
+
+def test_a_robot_is_driven_smoothly_once_its_smoother_is_active(trial: Trial, place: Place) -> None:
+    fields = example(trial, place, "velocity-smoother.yaml", "nav2_velocity_smoother")
+    # Two seconds of more than it may drive, two of standing, and one of turning on the spot.
+    commands = [(0.8, 0.0)] * 40 + [(0.0, 0.0)] * 40 + [(0.0, 1.0)] * 20
+    write_twists(recording(trial, "commands/commands.mcap"), commands)
+    row = trial.run(SimulationJobSpec.model_validate(fields))
+    assert passed(row), row
+    assert ledger_of(row) == (100, 100, 0, "called")
 
 
 def test_robot_localization_ends_where_its_authors_say_and_twice_alike(
