@@ -45,6 +45,11 @@ def test_a_run_meets_what_was_written_since_the_last_even_if_it_is_as_long(proje
         assert asked(project) == status
 
 
+def test_a_run_is_asked_once_files_are_of_another_second() -> None:
+    waits = [warm.until_another_second(now) for now in (100.0, 100.25, 100.999)]
+    assert waits == pytest.approx([1.02, 0.77, 0.021])
+
+
 def test_modules_from_elsewhere_are_kept_and_the_project_s_are_not(project: Path) -> None:
     kept = (project / "modules").read_text().split()
     assert "wave" in kept
