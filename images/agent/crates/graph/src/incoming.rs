@@ -20,6 +20,8 @@ pub struct Publisher {
     pub schema_encoding: &'static str,
     /// Whether late subscribers get its last message.
     pub latching: bool,
+    /// Whether they may although `latching` has it otherwise ([`crate::Node::latching_after_all`]).
+    pub may_latch: bool,
     /// Its quality of service, as ROS 2's recorder writes it down (YAML).
     pub offered_qos: Option<String>,
     /// How to read the stamps of its messages; `None` if they have none.

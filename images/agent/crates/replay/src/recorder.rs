@@ -61,7 +61,7 @@ struct State {
     latched_bytes: u64,
     /// Connections whose publishers latch, although their introductions have it otherwise.
     latching: BTreeSet<u64>,
-    /// The last message from before the counting of each connection that is not known to latch.
+    /// The last message from before the counting of each connection that may latch.
     unlatched: Unlatched,
     /// Connections of the bag by topic, publisher and md5sum.
     connections: HashMap<(String, String, String), u32>,
@@ -281,11 +281,11 @@ impl Recorder {
             return;
         }
         if !state.counting {
-            let connection = state.connection_of(incoming);
-            if connection.latching {
+            if state.latches(incoming) {
+                let connection = state.connection_of(incoming);
                 self.latch(&mut state, connection, incoming.data.to_vec());
-            } else {
-                let room = self.shared.byte_budget;
+            } else if incoming.publisher.may_latch {
+                let (connection, room) = (connection_of(incoming), self.shared.byte_budget);
                 state.unlatched.keep(incoming.link, connection, incoming.data, room);
             }
             return;
@@ -384,9 +384,11 @@ impl Recorder {
 impl State {
     /// Who sent it, as the recording has it.
     fn connection_of(&self, incoming: &Incoming<'_>) -> Connection {
-        let connection = connection_of(incoming);
-        let latching = connection.latching || self.latching.contains(&incoming.link);
-        Connection { latching, ..connection }
+        Connection { latching: self.latches(incoming), ..connection_of(incoming) }
+    }
+
+    fn latches(&self, incoming: &Incoming<'_>) -> bool {
+        incoming.publisher.latching || self.latching.contains(&incoming.link)
     }
 
     /// The bag's connection for a publisher of a topic, which keeps it when it reconnects; `None`
@@ -494,7 +496,8 @@ mod tests {
     }
 
     fn send(recorder: &mut Recorder, link: u64, data: &[u8]) {
-        let publisher = Publisher { node: Some(format!("/n{link}")), ..Publisher::default() };
+        let node = Some(format!("/n{link}"));
+        let publisher = Publisher { node, may_latch: true, ..Publisher::default() };
         recorder.message(Incoming { topic: "/out", publisher: &publisher, link, data });
     }
 

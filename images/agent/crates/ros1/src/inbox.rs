@@ -28,8 +28,6 @@ pub(crate) struct InLink {
     pub(crate) publisher: Publisher,
     pub(crate) stream: TcpStream,
     pub(crate) counts: Arc<Counts>,
-    /// Whether it may latch although its introduction has it otherwise.
-    pub(crate) may_latch: bool,
 }
 
 /// What a connection has handed over, for whoever asks for our statistics.

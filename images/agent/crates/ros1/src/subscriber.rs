@@ -64,7 +64,7 @@ impl Subscription {
         let counts = (link.id, Arc::clone(&link.counts));
         let mut state = lock(&self.state);
         state.connected.insert(uri.to_owned(), counts);
-        if link.may_latch {
+        if link.publisher.may_latch {
             state.may_latch.insert(uri.to_owned(), link.id);
         }
     }
@@ -113,8 +113,8 @@ pub(crate) fn connect(
     let id = NEXT.fetch_add(1, Ordering::Relaxed);
     let (topic, uri, counts) = (Arc::clone(topic), uri.to_owned(), Arc::default());
     let may_latch = !header.latching() && !server.starts_with(ROSCPP);
-    let publisher = introduced(&header);
-    Ok(InLink { id, topic, uri, publisher, stream, counts, may_latch })
+    let publisher = Publisher { may_latch, ..introduced(&header) };
+    Ok(InLink { id, topic, uri, publisher, stream, counts })
 }
 
 /// Whether the publisher latches by now, as it introduces itself to a second connection.
@@ -157,6 +157,7 @@ fn introduced(header: &ConnectionHeader) -> Publisher {
         message_encoding: "ros1",
         schema_encoding: "ros1msg",
         latching: header.latching(),
+        may_latch: false,
         offered_qos: None,
         read_stamp: stamp::reader(&definition),
         definition,

@@ -141,6 +141,7 @@ impl Graph {
             schema_encoding: schema_encoding(&definition),
             definition,
             latching: recorded.durability == bagpipe_ros2player::Durability::TransientLocal,
+            may_latch: false,
             offered_qos: Some(qos::yaml(publishers.iter().map(|one| &one.qos))),
         }
     }
