@@ -2,6 +2,8 @@
 
 import math
 import random
+import re
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -17,6 +19,7 @@ from tests.unit.evaluate.recordings import STORE, evidence, header, number, pose
 Point = tuple[float, float]
 SECOND = 1_000_000_000
 FAR = {"ego": "/ego", "obstacles": "/cars", "minCoverage": 0}
+NOBODY_SAW = "between two messages that have it, or after the last one, an obstacle may have been"
 
 
 def ego(at: float, x: float = 0.0, y: float = 0.0) -> Any:
@@ -343,7 +346,7 @@ def test_what_a_sensor_loses_below_its_least_range_was_driven_through() -> None:
     finding = found(pass_by(*ahead), minDistance=2)
     assert finding.outcome == "invalid"
     assert finding.figure == pytest.approx(4.0)
-    assert finding.message.startswith("after its last message an obstacle may have been 0 m away")
+    assert finding.message.startswith(f"{NOBODY_SAW} 0 m away")
     # Where it is seen again behind the ego, it was there all the time.
     again = found(pass_by(*often((100.0, 0.0), OTHER, least=4)), minDistance=2)
     assert again.outcome == "failed"
@@ -371,7 +374,7 @@ def test_one_that_is_not_seen_any_more_may_have_come_too_near(
 ) -> None:
     finding = found(pass_by(*scenes), minDistance=5)
     assert finding.outcome == "invalid"
-    assert finding.message.startswith("after its last message an obstacle may have been ")
+    assert finding.message.startswith(NOBODY_SAW)
     assert "publish them more often" in finding.message
     assert finding.figure is not None
     # That it is too near decides, whatever else is not known.
@@ -461,6 +464,43 @@ def test_where_one_that_moves_was_in_between_is_not_made_up(
     assert (finding.outcome, (finding.figure or 0) >= 5) == ("passed", True), finding
 
 
+@pytest.mark.parametrize(
+    ("course", "rate", "metres", "at"),
+    [
+        # Someone crosses at 8 m/s, is 2.15 m from the ego in two messages, and hits it in between.
+        (lambda seconds: (102.0, 8.0 * (seconds - 5.1)), 5, 0.0, 5.1),
+        # One that turns does as well: it goes round a circle of 12 m at 1.2 m/s².
+        (lambda seconds: (102.0 - 12.0 * (1 - math.cos((seconds - 5.1) / 3)),
+                          12.0 * math.sin((seconds - 5.1) / 3)), 2, 0.006, 5.1),
+        # An oncoming one passes 1.8 m beside the ego, and is 2 m ahead and behind in messages.
+        (lambda seconds: (202.0 - 20.0 * seconds, 1.8), 10, 1.8, 5.05),
+    ],
+    ids=["crossing", "turning", "oncoming"],
+)  # fmt: skip
+def test_one_whose_speed_is_known_is_met_between_its_messages_too(
+    course: Callable[[float], Point], rate: int, metres: float, at: float
+) -> None:
+    scenes = [(10 + step / rate, [course(step / rate), OTHER]) for step in range(10 * rate)]
+    finding = found(pass_by(*scenes), minDistance=2)
+    assert finding.outcome == "invalid", finding
+    where = re.match(rf"{NOBODY_SAW} ([\d.e-]+) m away at ([\d.]+) s", finding.message)
+    assert where, finding.message
+    assert float(where[1]) == pytest.approx(metres, abs=0.01)
+    assert float(where[2]) == pytest.approx(at, abs=0.01)
+    assert finding.figure is not None
+    assert finding.figure > 2
+
+
+def test_the_time_until_one_without_a_speed_is_seen_elsewhere_is_not_covered() -> None:
+    """It is 3 m ahead of the ego in one message, and 5 m beside it in the next, 0.2 s later."""
+    scenes = [(10 + step / 5, [OTHER]) for step in range(50)]
+    scenes[25][1].append((103.0, 0.0))
+    scenes[26][1].append((104.0, -5.0))
+    finding = found(pass_by(*scenes), minDistance=2)
+    assert finding.outcome == "passed", finding
+    assert finding.coverage == pytest.approx(0.98, abs=1e-6)
+
+
 def test_one_that_creeps_is_where_it_was_on_its_way() -> None:
     """At 12.5 s, half of the way between its messages, it is 0.4 m beside the ego."""
     scenes = [(12.0, [(50.0, 0.2)]), (13.0, [(50.0, 0.6)])]
@@ -490,7 +530,7 @@ def test_what_a_sensor_lost_near_the_ego_is_not_found_elsewhere_unharmed(
         scenes.append((10 + step / 20, [*near, *late, OTHER]))
     finding = found(pass_by(*scenes), minDistance=2)
     assert finding.outcome == "invalid", finding
-    assert finding.message.startswith("after its last message an obstacle may have been ")
+    assert finding.message.startswith(NOBODY_SAW)
 
 
 @pytest.mark.parametrize("off", [0.0, 0.1], ids=["just there", "nearly there"])

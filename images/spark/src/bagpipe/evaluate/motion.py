@@ -83,16 +83,17 @@ def _least_time(name: str, wanted: Separation, evidence: Evidence, pairs: list[P
 def _feared(
     finding: Finding, wanted: Separation, evidence: Evidence, feared: list[tuple[int, float]]
 ) -> Finding:
-    """Invalid where nobody saw that an obstacle came too near, and one that is not seen any more
-    would have, had it gone on as before.
+    """Invalid where no message shows that an obstacle came too near, and one would have: on the
+    straight line between two messages, or after its last one, had it gone on as before.
     """
     distance, at = min(((metres, time) for time, metres in feared), default=(math.inf, 0))
     if finding.outcome != "passed" or distance >= _too_near(wanted):
         return finding
     message = (
-        f"after its last message an obstacle may have been {distance:.6g} m away at"
-        f" {(at - evidence.start) / 1e9:.3f} s, and no message on {wanted.obstacles} shows where"
-        f" it was then: publish them more often, or until they are passed; {finding.message}"
+        f"between two messages that have it, or after the last one, an obstacle may have been"
+        f" {distance:.6g} m away at {(at - evidence.start) / 1e9:.3f} s, and no message on"
+        f" {wanted.obstacles} shows where it was then: publish them more often, or until they are"
+        f" passed; {finding.message}"
     )
     return replace(finding, outcome="invalid", message=message)
 

@@ -12,8 +12,8 @@ from bagpipe.evaluate.way import FASTEST, STANDS, Point
 
 # Time in ns, and where the obstacles are then.
 Scene = tuple[int, list[Point]]
-# `seen`: it is known where it was; `feared`: where it would have been at the speed that it had;
-# `unknown`: where it was last, and no speed is known.
+# `seen`: it is known where it was; `feared`: where it would have been at the speed that it had, or
+# on the straight line to where it was next; `unknown`: where it was last, and no speed is known.
 Kind = Literal["seen", "feared", "unknown"]
 
 # Metres per second, per second: what changes its speed by more is another obstacle.
@@ -82,16 +82,20 @@ class _Track(NamedTuple):
         return type(self)(time, place, speed, known, (old, middle))
 
     def until_again(self, again: Self, age: int, before: int) -> Iterator[Stretch]:
-        """From this sighting to the next one, where it hardly moved meanwhile, or where the message
-        at the time `before`, just before the next one, lacks it.
+        """From this sighting to the next one, if it hardly moved meanwhile or it is known where it
+        goes: straight there, unless the message at the time `before`, just before the next one,
+        lacks it.
         """
         span = (again.time - self.time) / 1e9
-        if span and math.dist(self.place, again.place) <= STANDS:
+        if not span:
+            return
+        stood = math.dist(self.place, again.place) <= STANDS
+        if stood or (again.goes and self.time >= before):
             (x, y), (new_x, new_y) = self.place, again.place
             speed = (new_x - x) / span, (new_y - y) / span
             until = min(again.time, self.time + age)
-            yield Stretch("seen", self.time, until, self.place, speed)
-        elif self.time < before and self.goes:
+            yield Stretch("seen" if stood else "feared", self.time, until, self.place, speed)
+        else:
             yield self.behind(age, again.time, again.time)
 
     def may_be(self, other: Self) -> bool:
