@@ -298,6 +298,16 @@ impl Link {
         Ok(self.sent().saturating_sub(taken + lost))
     }
 
+    /// Has nobody be woken before each of its subscriptions has taken so many more than the slowest.
+    pub(crate) fn wake_after(&self, ledger: &Ledger, messages: u64) -> Result<(), LedgerError> {
+        let Some(counted) = &self.counted else { return Ok(()) };
+        let now = counted.now.read().unwrap_or_else(PoisonError::into_inner);
+        let least = now.least(ledger)?;
+        let wake =
+            |(id, before): &(EndpointId, u64)| ledger.wake_from(*id, before + least + messages);
+        now.taken.iter().try_for_each(wake)
+    }
+
     /// Messages that it has taken and not done with.
     pub(crate) fn in_hand(&self, ledger: &Ledger) -> Result<u64, LedgerError> {
         let Some(counted) = &self.counted else { return Ok(0) };

@@ -404,11 +404,22 @@ impl Topic {
             && (self.strangers().values().any(is_new) || !self.departed().is_empty())
     }
 
-    /// Waits until there is room for a message of so many bytes at each subscriber.
+    /// Waits until there is room for a message of so many bytes at each subscriber; at one that has
+    /// none, until it has taken half of what waits, so that it wakes us once for many messages.
     fn await_room(&self, bytes: u64, cancelled: Cancelled<'_>) -> Result<(), SendError> {
         loop {
+            let mut full: BTreeMap<u64, u64> = BTreeMap::new();
             let room = |link: &Link, ledger: &Ledger| {
-                Ok(self.sent().has_room(link.waiting(ledger)?, link.depth(), bytes))
+                let waiting = link.waiting(ledger)?;
+                let room = self.sent().has_room(waiting, link.depth(), bytes);
+                if let Some(half) = full.get(&link.id()) {
+                    return Ok(room && waiting <= *half);
+                }
+                if !room {
+                    full.insert(link.id(), waiting / 2);
+                    link.wake_after(ledger, waiting - waiting / 2)?;
+                }
+                Ok(room)
             };
             self.wait(&[Event::Taken], room, cancelled)?;
             // Meanwhile one may have been replaced that had none.

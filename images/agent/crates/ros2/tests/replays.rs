@@ -6,7 +6,9 @@ mod scene;
 #[path = "../../ros2player/tests/standin/mod.rs"]
 mod standin;
 
+use std::fs::File;
 use std::io::Write as _;
+use std::os::unix::fs::FileExt as _;
 use std::path::Path;
 use std::process::Command;
 use std::sync::Arc;
@@ -71,6 +73,28 @@ fn the_slowest_of_several_nodes_governs_and_each_has_its_line() {
         [("/in", "/relay", 500, 0), ("/in", "/slow", 500, 0), ("/also", "/other", 500, 0)];
     assert_eq!(lines, expected);
     assert_eq!(replayed.ledger.strength, Some(Strength::Called));
+}
+
+/// How often nodes woke who waits for what they count: a word of the ledger's header.
+fn wakes(scene: &Scene) -> u32 {
+    let [(_, path), _] = scene.ledger.environment("/ledger.so".as_ref(), None);
+    let mut word = [0; 4];
+    File::open(path).unwrap().read_exact_at(&mut word, 64).unwrap();
+    u32::from_le_bytes(word)
+}
+
+#[test]
+fn a_slow_node_wakes_the_agent_once_for_each_half_of_its_queue() {
+    let scene = Scene::new();
+    let slow =
+        ["--name", "/slow", "--sub", "/in:sensor_msgs/msg/Imu:10:reliable", "--delay-us", "300"];
+    let _slow = scene.start("standin_node", &slow);
+    scene.await_subscriptions(1);
+    let replayed = scene.play(&recording(&["/in"], 1000, 100), &Ask::default()).unwrap();
+    assert_eq!((replayed.ledger.received, replayed.ledger.dropped), (1000, 0));
+    // Each of its 1,000 takes would, and so would the ends of the last ten callbacks.
+    let wakes = wakes(&scene);
+    assert!((100..=250).contains(&wakes), "{wakes}");
 }
 
 #[test]

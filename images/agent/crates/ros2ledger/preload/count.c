@@ -95,7 +95,8 @@ void count_take(const void *subscription, uint64_t messages) {
   if (!self.has_end) meet_thread();
   self.took = slot;
   self.in_hand = messages;
-  add(&endpoint->taken, messages, EVENT_TAKEN);
+  uint64_t taken = atomic_fetch_add(&endpoint->taken, messages) + messages;
+  if (taken >= atomic_load(&endpoint->wake_from)) changed(atomic_load(&attach_ledger), EVENT_TAKEN);
 }
 
 void count_publish(const void *publisher) {

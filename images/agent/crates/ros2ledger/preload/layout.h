@@ -70,7 +70,8 @@ struct ledger_endpoint {
   _Atomic uint32_t thread; /* the last that took or called */
   _Atomic uint64_t depth;
   _Atomic uint64_t matched; /* publishers, in the low half; above, the watch that asked for them */
-  _Atomic uint64_t reserved[2];
+  _Atomic uint64_t wake_from; /* who waits for takes is not woken before so many */
+  _Atomic uint64_t reserved;
   _Atomic uint64_t taken;
   _Atomic uint64_t empty; /* takes that found nothing */
   _Atomic uint64_t started;

@@ -66,6 +66,7 @@ static void fill(struct ledger_endpoint *endpoint, const struct creation *of, co
   endpoint->depth = of->qos.depth;
   endpoint->thread = 0;
   endpoint->matched = 0;
+  endpoint->wake_from = 0;
   for (_Atomic uint64_t *count = &endpoint->taken; count <= &endpoint->published; count++)
     *count = 0;
   copy(endpoint->topic, of->topic);

@@ -69,7 +69,8 @@ pub(crate) struct EndpointSlot {
     pub(crate) thread: AtomicU32,
     pub(crate) depth: AtomicU64,
     pub(crate) matched: AtomicU64,
-    pub(crate) reserved: [AtomicU64; 2],
+    pub(crate) wake_from: AtomicU64,
+    pub(crate) reserved: AtomicU64,
     pub(crate) taken: AtomicU64,
     pub(crate) empty: AtomicU64,
     pub(crate) started: AtomicU64,
@@ -125,7 +126,7 @@ mod tests {
         all.extend(
             fields!(EndpointSlot, "ledger_endpoint", state: u32, generation: u32, kind: u32,
             flags: u32, history: u32, reliability: u32, durability: u32, thread: u32, depth: u64,
-            matched: u64, reserved: [u64; 2], taken: u64, empty: u64, started: u64, ended: u64,
+            matched: u64, wake_from: u64, reserved: u64, taken: u64, empty: u64, started: u64, ended: u64,
             intra_started: u64, intra_ended: u64, returned: u64, published: u64,
             topic: [u8; 256],
             node: [u8; 256]),

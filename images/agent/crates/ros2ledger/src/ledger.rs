@@ -141,6 +141,16 @@ impl Ledger {
         self.used()
     }
 
+    /// Has the takes of a subscription wake nobody before it has taken so many in all: a wake for
+    /// each message costs the node some µs of each.
+    ///
+    /// # Errors
+    /// [`LedgerError::Retired`].
+    pub fn wake_from(&self, id: EndpointId, taken: u64) -> Result<(), LedgerError> {
+        self.slot(id)?.wake_from.store(taken, SeqCst);
+        Ok(())
+    }
+
     /// What found no room.
     pub fn unlisted(&self) -> Unlisted {
         let header = &self.memory.header;

@@ -108,6 +108,30 @@ fn where_it_holds_already_no_node_wakes_anybody() {
     assert_eq!((waited, changes(&ledger)), (Waited::Held, 0));
 }
 
+#[test]
+fn takes_wake_nobody_before_there_are_as_many_as_somebody_waits_for() {
+    let ledger = Ledger::new().unwrap();
+    let mut node = Node::start(Client::Rclcpp, &ledger);
+    node.obey(&["sub /scan 10", "pub /scan 1"]);
+    let scan = subscription(&ledger);
+    ledger.wake_from(scan.id, 5).unwrap();
+    let late = ledger.wait(&[Event::Taken], &[], Instant::now(), |_| Ok(false));
+    assert_eq!(late.unwrap(), Waited::Late);
+    for (takes, wakes) in [(4, 0), (1, 1), (4, 1)] {
+        node.obey(&[&format!("publish /scan {takes}"), "spin / 1"]);
+        assert_eq!(changes(&ledger), wakes);
+    }
+    // Another use of the slot has no such limit.
+    node.obey(&["destroy /scan"]);
+    ledger.retire().unwrap();
+    node.obey(&["sub /scan 10", "publish /scan 1"]);
+    let late = ledger.wait(&[Event::Taken], &[], Instant::now(), |_| Ok(false));
+    assert_eq!(late.unwrap(), Waited::Late);
+    node.obey(&["spin / 1"]);
+    assert_eq!(changes(&ledger), 2);
+    assert!(ledger.wake_from(scan.id, 5).unwrap_err().to_string().contains("was retired"));
+}
+
 /// A node may end between taking a wish and waking who has it.
 #[test]
 fn a_wish_that_was_taken_without_a_wake_is_there_again_at_the_next_look() {
