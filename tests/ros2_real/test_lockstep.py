@@ -58,7 +58,8 @@ def test_callbacks_see_the_time_of_their_message(trial: Trial, stack: str) -> No
 
 def test_timers_of_a_time_fire_before_its_message(trial: Trial) -> None:
     """Every 20 ms of simulated time a tick, which has how many messages there were by then. The
-    first is when the clock begins, before there is anything to record."""
+    first is when the clock begins, before there is anything to record. So is a second in Humble,
+    where a timer is due once more at a time that is a multiple of its period."""
     playback = {"mode": "lockstep"}
     fields = {"stack": {"parameters": SIM_TIME}, "record": {"topics": ["/tick"]}}
     ticks = []
@@ -68,7 +69,8 @@ def test_timers_of_a_time_fire_before_its_message(trial: Trial) -> None:
         ticks.append((trial.digest(row), trial.texts(row, "/tick")))
     assert len({digest for digest, _ in ticks}) == 1, ticks
     reported = [[int(word) for word in text.split()] for text in ticks[0][1]]
-    for number, (tick, at, seen) in enumerate(reported, 2):
+    assert reported[0][0] in (2, 3)
+    for number, (tick, at, seen) in enumerate(reported, reported[0][0]):
         assert (tick, seen) == (number, (at - BEGIN) // PERIOD)
     assert len(reported) >= MESSAGES // 4 - 1
 
