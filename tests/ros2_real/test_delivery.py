@@ -1,12 +1,12 @@
 """What nodes of a real ROS 2 got is proved by their own counts, or is named as lost."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import pytest
 
 from tests.ros2_real.conftest import MESSAGES
-from tests.ros2_real.jobs import NODE, PYTHON, Trial, ledger_of, passed
+from tests.ros2_real.jobs import LOCKSTEP, NODE, PYTHON, Trial, ledger_of, passed
 from tests.ros2_real.recordings import write_texts
 
 ANSWERS = [{"name": "answers", "presence": {"topic": "/out", "min": MESSAGES}}]
@@ -118,3 +118,19 @@ def test_late_subscribers_of_latched_topics_get_them(trial: Trial) -> None:
     assert passed(row), row
     assert ledger_of(row) == (1, 1, 0, "called")
     assert (trial.texts(row), trial.texts(row, "/settings")) == (["map"], ["seven"])
+
+
+@pytest.mark.parametrize(
+    "command", [[*NODE, "single", "Answering"], PYTHON], ids=["rclcpp", "rclpy"]
+)
+def test_on_dds_alone_the_same_bytes_are_played_and_recorded(
+    trial: Trial, command: Iterable[str]
+) -> None:
+    digests = set()
+    for player in ("rcl", "dds"):
+        row = trial.run(trial.spec(command, LOCKSTEP, stack={"ros2": {"player": player}}))
+        assert passed(row), row
+        assert row["result"]["player"]["name"] == player
+        assert ledger_of(row)[:3] == (MESSAGES, MESSAGES, 0)
+        digests.add(trial.digest(row))
+    assert len(digests) == 1
