@@ -92,3 +92,14 @@ def ledger_of(row: Row) -> tuple[int, int, int, str]:
 def passed(row: Row) -> bool:
     """Whether it has at the first attempt."""
     return (row["outcome"], row["attempts"]) == ("passed", 1)
+
+
+def activating(command: str, node: str) -> str:
+    """A script that starts a command and activates its node, as somebody does it by hand.
+
+    `ros2 lifecycle` looks for the node only so long, and is repeated where it has not found it.
+    """
+    return f"""{command} &
+until ros2 lifecycle set {node} configure; do sleep 1; done
+until ros2 lifecycle set {node} activate; do sleep 1; done
+wait"""

@@ -4,15 +4,9 @@ import pytest
 
 from bagpipe.run.case_run import Row
 from tests.ros2_real.conftest import MESSAGES
-from tests.ros2_real.jobs import LOCKSTEP, Trial, ledger_of, passed
+from tests.ros2_real.jobs import LOCKSTEP, Trial, activating, ledger_of, passed
 
 LIVING = "ros2 run bagpipe_nodes lifecycle --ros-args -p"
-# As somebody does it by hand, or a launch file. The command looks for the node only so long, and is
-# repeated where it says "Node not found".
-ACTIVATED = f"""{LIVING} by_itself:=false &
-until ros2 lifecycle set /living configure; do sleep 1; done
-until ros2 lifecycle set /living activate; do sleep 1; done
-wait"""
 
 
 def run(trial: Trial, script: str, patience: str = "60s") -> Row:
@@ -24,7 +18,7 @@ def run(trial: Trial, script: str, patience: str = "60s") -> Row:
 
 @pytest.mark.parametrize(
     "script",
-    [f"exec {LIVING} by_itself:=true", ACTIVATED],
+    [f"exec {LIVING} by_itself:=true", activating(f"{LIVING} by_itself:=false", "/living")],
     ids=["by itself", "by another"],
 )
 def test_nothing_is_played_before_a_node_is_active(trial: Trial, script: str) -> None:
