@@ -12,6 +12,11 @@ from tests.ros2_real.jobs import LOCKSTEP, NODE, PYTHON, Trial, ledger_of, passe
 from tests.ros2_recording import BEGIN
 
 LAUNCH = ["ros2", "launch", "bagpipe_nodes", "all.launch.py"]
+# Fourteen programs beside the one whose answers are recorded.
+MANY = """node() { ros2 run bagpipe_nodes node single Answering "$@" & }
+for one in $(seq 14); do node --ros-args -r __node:=other_$one -r out:=/out_$one; done
+node
+wait"""
 PARAMETERS = {"/front/answering/prefix": "p-", "/front/answering/gain": 2.0}
 
 
@@ -55,6 +60,14 @@ def test_a_node_in_python_is_ended_even_if_it_is_deaf_to_sigint(trial: Trial, de
     row = trial.run(trial.spec(command, {"mode": "max"}))
     assert passed(row), row
     assert time.monotonic() - began < 60
+
+
+def test_a_stack_of_fifteen_programs_has_room(trial: Trial) -> None:
+    """Humble's Cyclone DDS has places for ten on localhost, unless it is asked for more."""
+    others = [f"/other_{number}" for number in range(1, 15)]
+    row = trial.run(trial.spec(["bash", "-c", MANY], LOCKSTEP | {"waitFor": others}))
+    assert passed(row), row
+    assert ledger_of(row) == (MESSAGES, MESSAGES, 0, "called")
 
 
 def test_two_slots_never_receive_from_each_other(
