@@ -147,6 +147,8 @@ int rmw_subscription_get_actual_qos(const struct rmw_endpoint *subscription, str
 /* For so many ms a new publisher knows no subscription, though these know it: one that matches late,
  * as Fast DDS' do. */
 #define MEETS_LATE "STANDIN_MEETS_LATE_MS"
+/* For so many ms a new subscription is in the graph, and who creates it does not have it yet. */
+#define LISTS_LATE "STANDIN_LISTS_LATE_MS"
 int rmw_publisher_count_matched_subscriptions(const struct rmw_endpoint *publisher, size_t *into);
 int rmw_subscription_count_matched_publishers(const struct rmw_endpoint *subscription,
                                               size_t *into);

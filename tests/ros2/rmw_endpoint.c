@@ -93,7 +93,11 @@ struct rmw_endpoint *rmw_create_subscription(const struct rmw_node *node,
                                              const struct type_support *type, const char *topic,
                                              const struct rmw_qos *qos, const void *options) {
   const struct rmw_subscription_options *asked = options;
-  return create(node, type, topic, qos, true, asked != NULL && asked->ignore_local_publications);
+  bool ignores_own = asked != NULL && asked->ignore_local_publications;
+  struct rmw_endpoint *made = create(node, type, topic, qos, true, ignores_own);
+  const char *late = getenv(LISTS_LATE);
+  if (late != NULL) dds_sleepfor(DDS_MSECS(atoll(late)));
+  return made;
 }
 
 int rmw_destroy_publisher(struct rmw_node *node, struct rmw_endpoint *publisher) {

@@ -18,12 +18,17 @@ use crate::definition::{installed, otherwise_installed, schema_encoding};
 use crate::error::failed;
 use crate::recording::{Input, Inputs, Receiving};
 use crate::seen::{namesakes, state};
-use crate::stillness::Stillness;
+use crate::stillness::{Stillness, counted};
 use crate::topic::{Look, Means, Topic, uncounted};
 use crate::{QosOverride, Ros2Options, qos, stamp};
 
 /// What our players' names begin with; their process and a number follow.
 pub(crate) const PLAYER: &str = "/bagpipe_player_";
+/// How long a subscription may be in the graph before its process has listed it: a moment, unless that
+/// gets no processor just then.
+const UNLISTED: Duration = Duration::from_millis(500);
+/// How often it is looked for meanwhile.
+const AGAIN: Duration = Duration::from_millis(5);
 /// How long a message may be on its way to us once all is over.
 const ON_ITS_WAY: Duration = Duration::from_secs(1);
 
@@ -192,6 +197,36 @@ impl Graph {
         }
     }
 
+    /// The ledger, which was read after the graph, and who is in both. A node that the ledger does not
+    /// have is new in the graph, or does not count: it is known which after a while.
+    fn look_after(&self, nodes: &[GraphNode]) -> Result<(Look, SystemState), GraphError> {
+        let (mut looked, mut waited) = (Instant::now(), Duration::ZERO);
+        loop {
+            let look = Look::at(self.ledger()).map_err(failed)?;
+            let state = state(&look.endpoints, nodes);
+            let settled = |topic: &Arc<Topic>| {
+                self.unlisted(topic, &state, &look).iter().all(|node| topic.is_uncounted(node))
+            };
+            if waited >= UNLISTED || self.topics().iter().all(settled) {
+                return Ok((look, state));
+            }
+            std::thread::sleep(AGAIN);
+            let now = Instant::now();
+            waited += counted(now - looked);
+            looked = now;
+        }
+    }
+
+    /// The nodes that subscribe to a topic, and whose subscriptions the ledger does not have. By topic: a
+    /// node may count in one of its processes, or with some of its endpoints.
+    fn unlisted(&self, topic: &Topic, state: &SystemState, look: &Look) -> BTreeSet<String> {
+        let name = &topic.info().topic;
+        let counts =
+            |node: &String| subscribed_to(name, &look.endpoints).any(|one| one.node == *node);
+        let named = state.subscribers.get(name).into_iter().flatten();
+        named.filter(|node| **node != self.name && !counts(node)).cloned().collect()
+    }
+
     /// The nodes but ours that publish a topic.
     fn publishing<'s>(
         &self,
@@ -349,19 +384,11 @@ impl Node for Graph {
         // Before what was published is read, so that what comes meanwhile is missing for a moment.
         let inputs = self.inputs.all();
         let handed: Vec<u64> = inputs.iter().map(|input| input.arrivals.handed()).collect();
-        let look = Look::at(self.ledger()).map_err(failed)?;
-        let state = state(&look.endpoints, &nodes);
+        let (look, state) = self.look_after(&nodes)?;
         let namesakes = namesakes(&look.endpoints, &nodes);
         for topic in self.topics().iter() {
             let name = &topic.info().topic;
-            let named = state.subscribers.get(name).into_iter().flatten();
-            // By topic: a node may count in one of its processes, or with some of its endpoints.
-            let counts = |node: &String| {
-                let mut subscriptions = subscribed_to(name, &look.endpoints);
-                subscriptions.any(|one| one.node == *node)
-            };
-            let uncounted = named.filter(|node| **node != self.name && !counts(node));
-            let mut uncounted: BTreeSet<String> = uncounted.cloned().collect();
+            let mut uncounted = self.unlisted(topic, &state, &look);
             uncounted.extend(topic.hidden(&look, &namesakes, uncounted.len()));
             let uncounted: Vec<String> = uncounted.into_iter().collect();
             topic.refresh(&look, Some(&uncounted)).map_err(failed)?;

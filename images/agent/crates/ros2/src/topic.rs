@@ -273,6 +273,11 @@ impl Topic {
         links.push(self.link(name, counted, missed));
     }
 
+    /// Whether a node is there that does not count, as somebody has found.
+    pub(crate) fn is_uncounted(&self, node: &str) -> bool {
+        self.links().iter().any(|link| link.is_uncounted() && link.node == node)
+    }
+
     fn refresh_uncounted(&self, links: &mut Vec<Arc<Link>>, names: &[String], missed: Totals) {
         let without = |link: &&Arc<Link>| link.is_uncounted();
         for link in links.iter().filter(without).filter(|link| !names.contains(&link.node)) {

@@ -102,6 +102,16 @@ fn two_processes_with_one_name_have_a_line_each() {
 }
 
 #[test]
+fn who_is_in_the_graph_before_its_ledger_has_it_is_proved_as_anybody() {
+    let scene = Scene::new();
+    let _relay = scene.start("standin_node", &relay("/late", TEN, &["--lists-late-ms", "400"]));
+    let replayed = scene.play(&recording(&["/in"], 100, 50), &LOCKSTEP).unwrap();
+    let all: Vec<(u64, u64, Strength)> =
+        lines(&replayed).iter().map(|line| (line.received, line.dropped, line.strength)).collect();
+    assert_eq!(all, [(100, 0, Strength::Called)]);
+}
+
+#[test]
 fn a_namesake_that_does_not_count_is_no_proof_of_its_own() {
     let scene = Scene::new();
     // One counts and publishes alone; the other has the subscription.
