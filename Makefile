@@ -45,7 +45,7 @@ endif
 LAPTOP := $(if $(filter demo first-verdict,$(MAKECMDGOALS)),laptop)
 
 # What needs all packages gets them first: a compiler may be among them, or be replaced.
-ALL_PACKAGES := test set-up test-rust test-integration test-together test-alone test-beside-images test-real-parts test-liars bench
+ALL_PACKAGES := test set-up test-rust test-integration test-liars bench
 
 # Each step's seconds, for the summary; who calls make several times gives one file to all, and sums up.
 ifndef BAGPIPE_STEPS
@@ -105,8 +105,6 @@ BESIDE_WAITING := --numprocesses $(or $(LANES),$(shell echo $$(($(PROCESSORS) + 
 ORDER := $(if $(filter command,$(firstword $(origin SEED))),-p randomly --randomly-seed=$(SEED) --randomly-dont-reset-seed)
 PYTEST := .venv/bin/python -m pytest $(ORDER)
 
-TESTS_NEED := preflight-all venv tools test-programs test-agent fastdds npm-packages recording agent
-
 # Parts of names, as pytest's -k takes them: of the tests that need neither cluster nor cargo.
 .PHONY: test
 ifdef K
@@ -115,30 +113,19 @@ test: preflight-all venv tools ## Set everything up, run all tests (K=resume: on
 else
 # What computes comes first. Of what waits for sockets and nodes two halves run beside each other; whole
 # jobs on the cluster run beside nothing but each other.
-test: $(TESTS_NEED)
-	@$(MAKE) test-beside-images
-	@$(MAKE) test-alone
+test: set-up
+	@$(MAKE) test-python
+	@$(MAKE) test-real-parts AND=tests/liars
 	@$(MAKE) test-e2e
 	$(SUMMARY)
 endif
 
-# Images are for jobs on the cluster, which come last. Until then they are built at a low priority, by
-# processors that the tests leave idle.
-.PHONY: test-beside-images
-test-beside-images: AT_ITS_END := --output-at-its-end
-test-beside-images: images test-without-images
-
-.PHONY: test-without-images
-test-without-images:
-	@$(MAKE) test-python
-	@$(MAKE) test-real-parts AND=tests/liars
-
 .PHONY: test-real-parts
 test-real-parts: AT_ITS_END := --output-at-its-end
-test-real-parts: test-rust test-together
+test-real-parts: test-rust test-integration
 
 .PHONY: set-up
-set-up: $(TESTS_NEED) images ## Build all that tests need, at once
+set-up: preflight-all venv tools test-programs test-agent fastdds npm-packages recording images ## Build all that tests need, at once
 
 .PHONY: quick
 quick: venv ## Check what differs from SINCE=HEAD in under a minute: style, and the nearest unit tests
@@ -222,15 +209,8 @@ test-rust: recording test-agent fastdds npm-packages ## Run the agent's tests, a
 	$(STEP) "Testing the agent" $(AT_ITS_END) -- $(TEST_AGENT) --no-fail-fast
 
 .PHONY: test-integration
-test-integration: test-together ## Run worker, agent and real nodes together (part of test)
-	@$(MAKE) test-alone
-
-.PHONY: test-together
-test-together: preflight-all venv test-programs recording agent
+test-integration: preflight-all venv test-programs recording agent ## Run worker, agent and real nodes together (part of test)
 	$(STEP) "Testing worker, agent and real nodes" -- $(PYTEST) $(BESIDE_WAITING) -m "not alone and not slow" tests/integration $(AND)
-
-.PHONY: test-alone
-test-alone: preflight-all venv test-programs recording agent
 	$(STEP) "Testing what measures the machine" -- $(PYTEST) -m alone tests/integration
 
 # Not part of test: it needs a ROS 2, sourced or as an image, which is asked for before anything is
@@ -356,9 +336,9 @@ agent: preflight
 .PHONY: images
 images: preflight $(VENV) ## Build all images (`make cluster` loads them)
 ifeq ($(CLUSTER),kind)
-	$(STEP) "Building images" $(AT_ITS_END) -- nice -n 15 python3 images/build/build.py --engine docker --no-archives $(WANTED_IMAGES)
+	$(STEP) "Building images" -- nice -n 15 python3 images/build/build.py --engine docker --no-archives $(WANTED_IMAGES)
 else
-	$(STEP) "Building images" $(AT_ITS_END) -- nice -n 15 python3 images/build/build.py $(WANTED_IMAGES)
+	$(STEP) "Building images" -- nice -n 15 python3 images/build/build.py $(WANTED_IMAGES)
 endif
 
 .PHONY: plugin

@@ -68,18 +68,6 @@ def test_kind_takes_its_own_node_unless_another_is_named() -> None:
     assert 'kind.yaml --wait 3m --image "here/node:1"' in text
 
 
-def test_images_are_built_beside_the_tests_that_need_none() -> None:
-    # They take a quarter of an hour of a processor, and only jobs on the cluster start them.
-    text = made("test")
-    images = text.index("make test-beside-images")
-    assert text.index("Compiling the agent's tests") < images < text.index("Building images")
-    # What measures the machine has it for itself.
-    order = ("Building images", "Testing what measures the machine", "Testing whole jobs")
-    places = [text.index(each) for each in order]
-    assert places == sorted(places)
-    assert text.index("Testing worker, agent and real nodes") < places[1]
-
-
 @pytest.mark.parametrize("two", ["linux/amd64 linux/arm64", "linux/amd64,linux/arm64"])
 def test_a_release_for_this_machine_alone_gets_no_other_compiler(two: str) -> None:
     # `preflight` without the name of a set installs all that there are.
