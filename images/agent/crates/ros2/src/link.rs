@@ -302,9 +302,10 @@ impl Link {
     pub(crate) fn wake_after(&self, ledger: &Ledger, messages: u64) -> Result<(), LedgerError> {
         let Some(counted) = &self.counted else { return Ok(()) };
         let now = counted.now.read().unwrap_or_else(PoisonError::into_inner);
-        let least = now.least(ledger)?;
+        // What nodes count may be any number.
+        let more = now.least(ledger)?.saturating_add(messages);
         let wake =
-            |(id, before): &(EndpointId, u64)| ledger.wake_from(*id, before + least + messages);
+            |(id, before): &(EndpointId, u64)| ledger.wake_from(*id, before.saturating_add(more));
         now.taken.iter().try_for_each(wake)
     }
 
