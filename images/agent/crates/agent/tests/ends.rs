@@ -11,7 +11,7 @@ use worker::*;
 /// A parent that, as roslaunch does, hides how its nodes end: `respawn` starts a node again.
 const LAUNCH: &str = r#"
 cat > "$ROS_HOME/node.py" <<'END'
-import os, signal, sys, threading, rospy
+import os, signal, sys, threading, time, rospy
 from std_msgs.msg import String
 name, ends_at, way = sys.argv[1], int(sys.argv[2]), sys.argv[3]
 rospy.init_node(name)
@@ -32,8 +32,14 @@ def answer(message):
     if received[0] == ends_at:
         threading.Timer(0.05, end).start()
 rospy.Subscriber("/chatter", String, answer, queue_size=1000)
+if way == "slowly":
+    # Whoever asks it to end meanwhile does not learn how it would have ended.
+    signal.signal(signal.SIGINT, lambda *_: os._exit(0))
 open(os.path.dirname(__file__) + "/" + name, "w").close()
 rospy.spin()
+if way == "slowly":
+    time.sleep(1)
+    os._exit(3)
 END
 cat > "$ROS_HOME/launch.py" <<'END'
 import os, subprocess, sys, time
@@ -165,6 +171,17 @@ fn a_crash_right_after_the_last_answer_is_seen_and_a_good_end_is_none() {
     assert_eq!(short(&crashed), [("StackCrashed", "/bad", Some(11))]);
     assert_eq!(short(&ends(250, "250 leaves keep")), []);
     assert_eq!(short(&ends(250, "0 never keep")), []);
+}
+
+// Promise: no-evidence-no-pass
+#[test]
+fn a_node_that_has_left_is_not_asked_to_end_before_it_has_ended_by_itself() {
+    if without_ros() {
+        return;
+    }
+    let crashed = ends(250, "250 slowly keep");
+    assert_eq!(short(&crashed), [("StackCrashed", "/bad", None)]);
+    assert!(crashed[0].3.contains("ended with exit status 3"), "{}", crashed[0].3);
 }
 
 #[test]

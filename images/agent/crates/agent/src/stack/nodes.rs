@@ -1,5 +1,7 @@
 //! The nodes that are there when the play begins, and what has become of them at its end.
 
+use std::collections::BTreeSet;
+
 /// A node when the play began.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Known {
@@ -23,4 +25,41 @@ pub enum Found {
     Unreachable,
     /// Another process has its name.
     Another,
+}
+
+/// The processes of nodes that have left the graph, without those that other nodes still live in.
+pub fn left(roll: &[Known], found: &[Found]) -> BTreeSet<i32> {
+    let of = |gone: bool| {
+        let is_gone = |found: &Found| matches!(found, Found::Unregistered | Found::Unreachable);
+        let nodes = roll.iter().zip(found).filter(move |(_, found)| is_gone(found) == gone);
+        nodes.filter_map(|(node, _)| node.pid).collect::<BTreeSet<i32>>()
+    };
+    &of(true) - &of(false)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_process_is_left_once_none_of_its_nodes_is_there() {
+        let node = |pid: i32| Known {
+            name: format!("/node{pid}"),
+            uri: String::new(),
+            pid: Some(pid),
+            stayed: true,
+        };
+        let roll = [node(4), node(5), node(5), node(6), node(7), Known { pid: None, ..node(8) }];
+        let found = [
+            Found::Same,
+            Found::Unregistered,
+            Found::Same,
+            Found::Unregistered,
+            Found::Unreachable,
+            Found::Unregistered,
+        ];
+        assert_eq!(left(&roll, &found), BTreeSet::from([6, 7]));
+        // Of one that was replaced nothing is left to wait for.
+        assert_eq!(left(&roll[..1], &[Found::Another]), BTreeSet::new());
+    }
 }

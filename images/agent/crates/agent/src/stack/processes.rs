@@ -182,6 +182,14 @@ pub fn signal(pid: i32, signal: Signal) {
     }
 }
 
+/// Whether a process runs, and is no zombie.
+pub fn is_alive(pid: i32) -> bool {
+    let stat = std::fs::read(format!("/proc/{pid}/stat")).unwrap_or_default();
+    let text = String::from_utf8_lossy(&stat);
+    let state = text.rsplit(')').next().and_then(|after| after.split_whitespace().next());
+    state.is_some_and(|state| !matches!(state, "Z" | "X"))
+}
+
 /// Every process below `root`, without `spared` and what is below those.
 pub fn descendants(root: u32, spared: &[Pid]) -> BTreeSet<i32> {
     let spared = spared.iter().map(|pid| group_number(*pid)).collect();

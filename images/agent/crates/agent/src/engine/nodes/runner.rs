@@ -2,6 +2,7 @@
 //! started.
 
 use std::cell::{Cell, RefCell};
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -22,12 +23,15 @@ use crate::engine::nodes::outcome::{Outcome, Timings};
 use crate::engine::nodes::simulator::{PipeWorld, topics, unrecorded};
 use crate::stack::end::StackEnd;
 use crate::stack::evidence::Moment;
-use crate::stack::nodes::{Found, Known};
-use crate::stack::processes::{Children, Spared};
+use crate::stack::nodes::{Found, Known, left};
+use crate::stack::processes::{Children, Spared, is_alive, pause};
 use crate::stack::{HURRY, Program, Surroundings};
 
 /// How often the pipe and the processes are looked at, at most: replay asks much oftener.
 const GLANCE: Duration = Duration::from_millis(5);
+/// How long a process may take to end whose nodes have left the graph: rospy's takes up to 0.7 s on
+/// an idle machine, and waits up to 5 s for each of its threads (`rospy.core.signal_shutdown`).
+const LEAVE: Duration = Duration::from_secs(5);
 
 /// What a case runs with.
 pub struct Runner<'a> {
@@ -239,7 +243,20 @@ impl Runner<'_> {
     fn look_at_nodes(&self) -> Vec<(Known, Found)> {
         let roll = self.roll.take();
         let found = self.host.look(&roll);
+        self.await_ends(&left(&roll, &found));
         roll.into_iter().zip(found).collect()
+    }
+
+    /// Until processes have ended that are about to: one that is asked to end on its way out does not
+    /// show how it would have ended.
+    fn await_ends(&self, pids: &BTreeSet<i32>) {
+        let deadline = self.deadline.min(Instant::now() + LEAVE);
+        while pids.iter().any(|pid| is_alive(*pid))
+            && self.interruption().is_none()
+            && Instant::now() < deadline
+        {
+            pause(GLANCE);
+        }
     }
 
     /// Whether the agent must end, or the worker is gone.

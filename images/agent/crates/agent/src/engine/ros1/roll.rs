@@ -7,7 +7,7 @@ use std::time::Duration;
 use bagpipe_ros1::{Master, RosError};
 
 use crate::stack::nodes::{Found, Known};
-use crate::stack::processes::descendants;
+use crate::stack::processes::{descendants, is_alive};
 
 /// A node on this machine answers within milliseconds.
 const ASK: Duration = Duration::from_secs(1);
@@ -82,14 +82,6 @@ fn pid_of(uri: &str) -> Result<i32, RosError> {
     // The Slave API's getPid is the master's word for word.
     let pid = Master::new(uri, CALLER, ASK)?.get_pid()?;
     Ok(i32::try_from(pid).unwrap_or(0))
-}
-
-/// Whether a process runs, and is no zombie.
-fn is_alive(pid: i32) -> bool {
-    let stat = std::fs::read(format!("/proc/{pid}/stat")).unwrap_or_default();
-    let text = String::from_utf8_lossy(&stat);
-    let state = text.rsplit(')').next().and_then(|after| after.split_whitespace().next());
-    state.is_some_and(|state| !matches!(state, "Z" | "X"))
 }
 
 #[cfg(test)]
