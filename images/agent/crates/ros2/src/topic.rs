@@ -1,7 +1,7 @@
 //! A topic that is played: its subscribers, and the credit that they give.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
-use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
 use std::time::{Duration, Instant};
 
@@ -61,7 +61,7 @@ pub(crate) struct Topic {
     /// Held by who looks at the subscriptions; what had gone out by the look before.
     looked: Mutex<Totals>,
     /// Endpoints that the ledger had listed when somebody last looked.
-    listed: AtomicUsize,
+    listed: AtomicU32,
     /// Nodes that publish it beside us, as the graph has them: some may not count.
     others: Mutex<BTreeSet<String>>,
 }
@@ -93,7 +93,7 @@ pub(crate) struct Look {
     pub(crate) endpoints: Vec<Endpoint>,
     running: BTreeSet<ProcessId>,
     /// Endpoints that had been listed before.
-    listed: usize,
+    listed: u32,
 }
 
 impl Look {
@@ -176,7 +176,7 @@ impl Topic {
             departed: Mutex::default(),
             sent: Mutex::default(),
             looked: Mutex::default(),
-            listed: AtomicUsize::new(0),
+            listed: AtomicU32::new(0),
             others: Mutex::default(),
         }
     }

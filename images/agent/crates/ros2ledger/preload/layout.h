@@ -44,7 +44,8 @@ struct ledger_header {
   _Atomic uint32_t changes; /* the futex */
   _Atomic uint32_t wanted[EVENTS]; /* not 0: somebody is to be woken by the next such event */
   _Atomic uint32_t watch_matches; /* not 0: the number of the watch that asks for matches */
-  _Atomic uint32_t reserved_wanted[8];
+  _Atomic uint32_t listings; /* endpoints that were ever listed, each once it can be read */
+  _Atomic uint32_t reserved_wanted[7];
 };
 
 struct ledger_process {

@@ -86,6 +86,7 @@ static bool list(struct ledger *ledger, uint32_t owner, const struct creation *o
   if (known) matches_of(slot, of->kind, of->address);
   uint32_t phase = known ? PHASE_LIVE : PHASE_DESTROYED;
   atomic_store(&endpoint->state, phase | owner << LEDGER_OWNER_SHIFT);
+  atomic_fetch_add(&ledger->header.listings, 1);
   return known;
 }
 

@@ -41,7 +41,8 @@ pub(crate) struct Header {
     pub(crate) changes: AtomicU32,
     pub(crate) wanted: [AtomicU32; EVENTS],
     pub(crate) watch_matches: AtomicU32,
-    pub(crate) reserved_wanted: [AtomicU32; 8],
+    pub(crate) listings: AtomicU32,
+    pub(crate) reserved_wanted: [AtomicU32; 7],
 }
 
 #[repr(C)]
@@ -119,7 +120,7 @@ mod tests {
         let mut all = fields!(Header, "ledger_header", magic: u64, version: u32, processes: u32,
             endpoints: u32, unlisted_processes: u32, unlisted_endpoints: u32, endpoints_used: u32,
             reserved: [u64; 4], changes: u32, wanted: [u32; 6], watch_matches: u32,
-            reserved_wanted: [u32; 8]);
+            listings: u32, reserved_wanted: [u32; 7]);
         all.extend(fields!(ProcessEntry, "ledger_process", pid: u32, state: u32, start: u64,
             unlisted_endpoints: u32, spinners: u32, others_started: u64, others_ended: u64,
             stack: u64, reserved_words: [u32; 4]));

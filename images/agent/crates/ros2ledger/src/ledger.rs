@@ -135,10 +135,10 @@ impl Ledger {
         self.memory.header.watch_matches.store(number, SeqCst);
     }
 
-    /// How many slots of endpoints were ever used: while it is the same, none is new. One load, for
-    /// who asks often; after [`retire`](Ledger::retire) new ones may have slots of old ones.
-    pub fn listed(&self) -> usize {
-        self.used()
+    /// How many endpoints were ever listed: while it is the same, none is new. One load, for who asks
+    /// often.
+    pub fn listed(&self) -> u32 {
+        self.memory.header.listings.load(SeqCst)
     }
 
     /// Has the takes of a subscription wake nobody before it has taken so many in all: a wake for

@@ -306,8 +306,10 @@ fn slots_are_used_again_only_after_they_were_retired() {
     let ledger = Ledger::new().unwrap();
     let mut node = Node::start(Client::Rclcpp, &ledger);
     node.obey(&["sub /scan 10", "pub /scan 1"]);
-    for _ in 0..3 {
+    for round in 1..=3 {
         node.obey(&["churn /short 3000", "publish /scan 1", "spin / 1"]);
+        // Those too that have the slots of others: who waits for new ones sees the number alone.
+        assert_eq!(ledger.listed(), 2 + 3000 * round);
         let retired = ledger.retire().unwrap();
         assert_eq!(retired.len(), 3000);
         assert!(retired.iter().all(|one| one.destroyed && one.topic == "/short"));
