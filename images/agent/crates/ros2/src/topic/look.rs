@@ -1,0 +1,43 @@
+//! The ledger at a moment.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use bagpipe_ros2ledger::{Endpoint, Kind, Ledger, LedgerError, ProcessId};
+
+use super::Owner;
+
+/// The ledger at a moment.
+pub(crate) struct Look {
+    pub(crate) endpoints: Vec<Endpoint>,
+    pub(super) running: BTreeSet<ProcessId>,
+    /// Endpoints that had been listed before.
+    pub(super) listed: u32,
+}
+
+impl Look {
+    pub(crate) fn at(ledger: &Ledger) -> Result<Look, LedgerError> {
+        let listed = ledger.listed();
+        let running =
+            ledger.processes()?.iter().filter(|one| one.alive).map(|one| one.id).collect();
+        Ok(Look { endpoints: ledger.endpoints()?, running, listed })
+    }
+
+    /// The subscriptions that are there, by whose they are.
+    pub(super) fn subscriptions(&self, topic: &str) -> BTreeMap<Owner, Vec<&Endpoint>> {
+        let mut nodes: BTreeMap<Owner, Vec<&Endpoint>> = BTreeMap::new();
+        for one in self.there(Kind::Subscription, topic) {
+            nodes.entry((one.process, one.node.clone())).or_default().push(one);
+        }
+        nodes
+    }
+
+    /// The endpoints of a topic that are there.
+    pub(crate) fn there<'l>(
+        &'l self,
+        kind: Kind,
+        topic: &str,
+    ) -> impl Iterator<Item = &'l Endpoint> {
+        let all = self.endpoints.iter().filter(move |one| one.kind == kind && !one.destroyed);
+        all.filter(move |one| one.topic == topic && self.running.contains(&one.process))
+    }
+}

@@ -1,0 +1,172 @@
+//! A topic that is played: its subscribers, and the credit that they give.
+
+mod credit;
+mod look;
+mod sending;
+mod subscribers;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
+use std::time::{Duration, Instant};
+
+use bagpipe_graph::{FarEnd, LinkState, PacedBy, Publication, TopicInfo};
+use bagpipe_ros2ledger::{Endpoint, Kind, Ledger, ProcessId};
+use bagpipe_ros2player::{Player, PublisherId, Qos};
+
+use crate::link::{Link, Totals};
+use crate::qos::incompatible;
+pub(crate) use look::Look;
+
+use credit::Sent;
+use subscribers::Absence;
+
+/// What all topics of a node share.
+pub(crate) struct Means {
+    pub(crate) player: Player,
+    pub(crate) ledger: Arc<Ledger>,
+    pub(crate) paced_by: PacedBy,
+    pub(crate) stall: Duration,
+    pub(crate) links: AtomicU64,
+    /// How long a lead-in that is played by the clock may still wait for its subscribers.
+    pub(crate) patience: Mutex<Duration>,
+    /// Whether the nodes still report whom they have matched, which costs them time at each wait.
+    pub(crate) watching: AtomicBool,
+}
+
+/// An advertised topic.
+pub(crate) struct Topic {
+    means: Arc<Means>,
+    info: TopicInfo,
+    publisher: PublisherId,
+    qos: Qos,
+    /// Why its subscribers would read its messages as something else, if they would.
+    otherwise: Option<String>,
+    links: RwLock<Arc<Vec<Arc<Link>>>>,
+    /// Subscriptions that have not matched yet: since when they are known.
+    strangers: Mutex<BTreeMap<Owner, Instant>>,
+    /// Nodes that have destroyed their subscriptions: they may be about to make others.
+    departed: Mutex<BTreeMap<Owner, Absence>>,
+    sent: Mutex<Sent>,
+    /// Held by who looks at the subscriptions; what had gone out by the look before.
+    looked: Mutex<Totals>,
+    /// Endpoints that the ledger had listed when somebody last looked.
+    listed: AtomicU32,
+    /// Nodes that publish it beside us, as the graph has them: some may not count.
+    others: Mutex<BTreeSet<String>>,
+}
+
+/// A node's name, and its process.
+type Owner = (ProcessId, String);
+
+impl Topic {
+    pub(crate) fn new(
+        means: Arc<Means>,
+        info: TopicInfo,
+        publisher: PublisherId,
+        qos: Qos,
+        otherwise: Option<String>,
+    ) -> Topic {
+        Topic {
+            means,
+            info,
+            publisher,
+            qos,
+            otherwise,
+            links: RwLock::default(),
+            strangers: Mutex::default(),
+            departed: Mutex::default(),
+            sent: Mutex::default(),
+            looked: Mutex::default(),
+            listed: AtomicU32::new(0),
+            others: Mutex::default(),
+        }
+    }
+
+    /// Why it can't be sent: somebody is there who would read it as something else.
+    pub(crate) fn misread(&self) -> Option<&str> {
+        let otherwise = self.otherwise.as_deref()?;
+        self.links().iter().any(|link| link.is_open()).then_some(otherwise)
+    }
+
+    /// Takes in the nodes that publish it beside us.
+    pub(crate) fn note_publishers<'n>(&self, nodes: impl Iterator<Item = &'n String>) {
+        *self.others.lock().unwrap_or_else(PoisonError::into_inner) = nodes.cloned().collect();
+    }
+
+    /// Nodes that publish it in processes that do not count: what its subscribers take of them
+    /// can't be separated from ours.
+    pub(crate) fn uncounted(&self, endpoints: &[Endpoint]) -> Vec<String> {
+        let others = self.others.lock().unwrap_or_else(PoisonError::into_inner);
+        uncounted(&self.info.topic, &others, endpoints)
+    }
+
+    fn links(&self) -> Arc<Vec<Arc<Link>>> {
+        Arc::clone(&self.links.read().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    /// Messages that went out by now.
+    pub(crate) fn messages(&self) -> u64 {
+        self.sent().totals.messages()
+    }
+
+    /// The link with this number.
+    pub(crate) fn link_with(&self, id: u64) -> Option<Arc<Link>> {
+        self.links().iter().find(|link| link.id() == id).cloned()
+    }
+
+    fn sent(&self) -> MutexGuard<'_, Sent> {
+        self.sent.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Those of a topic's publishing nodes whose publishers of it the ledger does not have.
+pub(crate) fn uncounted(
+    topic: &str,
+    nodes: &BTreeSet<String>,
+    endpoints: &[Endpoint],
+) -> Vec<String> {
+    let publishes = |one: &&Endpoint| one.kind == Kind::Publisher && one.topic == topic;
+    let counts = |node: &&String| endpoints.iter().filter(publishes).any(|one| one.node == **node);
+    nodes.iter().filter(|node| !counts(node)).cloned().collect()
+}
+
+impl Publication for Topic {
+    fn info(&self) -> &TopicInfo {
+        &self.info
+    }
+
+    fn subscribers(&self) -> Vec<LinkState> {
+        self.links().iter().map(|link| link.state()).collect()
+    }
+
+    fn unsent(&self) -> u64 {
+        let published = self.means.player.published(self.publisher);
+        self.messages().saturating_sub(published)
+    }
+
+    fn far_ends(&self) -> Vec<FarEnd> {
+        let known = |link: &Arc<Link>| {
+            let called_back = link.called_back(&self.means.ledger).ok()??;
+            let id = link.state().id;
+            Some(FarEnd { id, unread: 0, called_back: Some(called_back), inode: None })
+        };
+        self.links().iter().filter(|link| link.is_open()).filter_map(known).collect()
+    }
+
+    fn refused(&self) -> Vec<String> {
+        let Ok(endpoints) = self.means.ledger.endpoints() else { return Vec::new() };
+        let mut wanting: Vec<String> = endpoints
+            .iter()
+            .filter(|one| one.kind == Kind::Subscription && !one.destroyed)
+            .filter(|one| one.topic == self.info.topic)
+            .filter_map(|one| {
+                let why = incompatible(&self.qos, &one.qos)?;
+                let (node, topic) = (&one.node, &one.topic);
+                Some(format!("{node} subscribes to {topic}, but {why}: set its quality of service"))
+            })
+            .collect();
+        wanting.dedup();
+        wanting
+    }
+}

@@ -1,0 +1,191 @@
+//! How a message goes out: once there is room for it, by whoever sets the pace.
+
+use std::collections::BTreeMap;
+use std::sync::atomic::Ordering;
+use std::sync::{Arc, PoisonError};
+use std::time::{Duration, Instant};
+
+use bagpipe_graph::{Cancelled, Outlet, PacedBy, SendError, Share};
+use bagpipe_ros2ledger::{Event, Ledger, LedgerError, Waited};
+use bagpipe_ros2player::PlayerError;
+
+use super::{Look, Topic};
+use crate::link::Link;
+
+/// How often somebody who waits asks whether to give up.
+const ASK: Duration = Duration::from_millis(20);
+/// How long a node without tracepoints may take to come back for more, after it has taken all: of
+/// several threads some never show it.
+const COMES_BACK: Duration = Duration::from_millis(100);
+
+impl Topic {
+    /// Waits until there is room for a message of so many bytes at each subscriber; at one that has
+    /// none, until it has taken half of what waits, so that it wakes us once for many messages.
+    fn await_room(&self, bytes: u64, cancelled: Cancelled<'_>) -> Result<(), SendError> {
+        loop {
+            let mut full: BTreeMap<u64, u64> = BTreeMap::new();
+            let room = |link: &Link, ledger: &Ledger| {
+                let waiting = link.waiting(ledger)?;
+                let room = self.sent().has_room(waiting, link.depth(), bytes);
+                if let Some(half) = full.get(&link.id()) {
+                    return Ok(room && waiting <= *half);
+                }
+                if !room {
+                    full.insert(link.id(), waiting / 2);
+                    link.wake_after(ledger, waiting - waiting / 2)?;
+                }
+                Ok(room)
+            };
+            self.wait(&[Event::Taken], room, cancelled)?;
+            // Meanwhile one may have been replaced that had none.
+            if !self.has_strangers() {
+                return Ok(());
+            }
+            self.meet(cancelled)?;
+        }
+    }
+
+    /// By the clock: a lead-in waits for its subscribers, as long as all of it may, so that a first
+    /// callback that takes its time loses nothing of it. What is lost of a lead-in can't be separated
+    /// from what is lost of the window: which messages a queue has overwritten is not known.
+    fn await_first(&self, message: &[u8], cancelled: Cancelled<'_>) -> Result<(), SendError> {
+        let mut patience = self.means.patience.lock().unwrap_or_else(PoisonError::into_inner);
+        let begun = Instant::now();
+        let mut over = || cancelled() || begun.elapsed() >= *patience;
+        let waited = match patience.is_zero() {
+            true => Ok(()),
+            false => self.await_room(message.len() as u64, &mut over),
+        };
+        *patience = patience.saturating_sub(begun.elapsed());
+        match waited {
+            Err(SendError::Cancelled | SendError::Stalled { .. }) if !cancelled() => Ok(()),
+            other => other,
+        }
+    }
+
+    fn publish(
+        &self,
+        share: Share,
+        message: &[u8],
+        cancelled: Cancelled<'_>,
+    ) -> Result<(), SendError> {
+        {
+            // Whoever looks at the subscribers meanwhile waits, so that none has it twice.
+            let _looked = self.looked.lock().unwrap_or_else(PoisonError::into_inner);
+            for link in self.links().iter().filter(|link| link.is_open()) {
+                link.count(share, message.len());
+            }
+            self.sent().add(share, message.len());
+        }
+        if share == Share::Counted && self.means.watching.swap(false, Ordering::Relaxed) {
+            self.means.ledger.watch_matches(false);
+        }
+        match self.means.player.publish(self.publisher, &[message], cancelled) {
+            Ok(()) => Ok(()),
+            Err(PlayerError::Cancelled) => Err(SendError::Cancelled),
+            Err(error) => Err(failed(&error)),
+        }
+    }
+
+    /// Waits for `holds`, which is asked of each open link that counts, as long as something is
+    /// taken or ends now and then.
+    fn wait(
+        &self,
+        events: &[Event],
+        mut holds: impl FnMut(&Link, &Ledger) -> Result<bool, LedgerError>,
+        cancelled: Cancelled<'_>,
+    ) -> Result<(), SendError> {
+        let ledger = &self.means.ledger;
+        let mut progress = (0, Instant::now());
+        loop {
+            let links = self.links();
+            let there: Vec<&Arc<Link>> =
+                links.iter().filter(|link| link.is_open() && link.counted.is_some()).collect();
+            let mut all = |ledger: &Ledger| {
+                there.iter().try_fold(true, |held, link| Ok(held && holds(link, ledger)?))
+            };
+            if all(ledger).map_err(|error| failed(&error))? {
+                return Ok(());
+            }
+            match ledger.wait(events, &[], Instant::now() + ASK, all) {
+                Ok(Waited::Held) => return Ok(()),
+                Ok(Waited::Late | Waited::Ended(_)) => {}
+                Err(error) => return Err(failed(&error)),
+            }
+            // Nobody wakes us for who has ended.
+            let look = Look::at(ledger).map_err(|error| failed(&error))?;
+            self.refresh(&look, None).map_err(|error| failed(&error))?;
+            if cancelled() {
+                return Err(SendError::Cancelled);
+            }
+            let done = done(&there, ledger).map_err(|error| failed(&error))?;
+            if done != progress.0 {
+                progress = (done, Instant::now());
+            }
+            let waited = progress.1.elapsed();
+            if waited >= self.means.stall {
+                let node = there.first().map(|link| link.node.clone()).unwrap_or_default();
+                return Err(SendError::Stalled { node, topic: self.info.topic.clone(), waited });
+            }
+        }
+    }
+}
+
+/// A figure that changes with each message that is taken or done with.
+fn done(links: &[&Arc<Link>], ledger: &Ledger) -> Result<u64, LedgerError> {
+    let of = |link: &&Arc<Link>| Ok(2 * link.taken(ledger)?.unwrap_or(0) + link.in_hand(ledger)?);
+    links.iter().map(of).sum()
+}
+
+pub(super) fn failed(error: &dyn std::error::Error) -> SendError {
+    SendError::Failed { reason: "Ros2Failed", what: error.to_string() }
+}
+
+impl Outlet for Topic {
+    fn topic(&self) -> &str {
+        &self.info.topic
+    }
+
+    /// The middleware keeps what a transient-local publisher has sent.
+    fn latch(&self, _: &str, _: Share, _: &[u8]) {}
+
+    fn send(
+        &self,
+        share: Share,
+        frames: &[&[u8]],
+        cancelled: Cancelled<'_>,
+    ) -> Result<(), SendError> {
+        for frame in frames {
+            let message = frame.get(4..).unwrap_or_default();
+            self.meet(cancelled)?;
+            if let Some(why) = self.misread() {
+                return Err(SendError::Failed { reason: "BagUnreadable", what: why.to_owned() });
+            }
+            match (self.means.paced_by, share) {
+                (PacedBy::Subscribers, _) => self.await_room(message.len() as u64, cancelled)?,
+                (PacedBy::Schedule, Share::LeadIn) => self.await_first(message, cancelled)?,
+                (PacedBy::Schedule, Share::Counted) => {}
+            }
+            self.publish(share, message, cancelled)?;
+        }
+        Ok(())
+    }
+
+    /// With a window of 0: until the callbacks of all that was sent have ended. Else the credit of
+    /// each message is the window.
+    fn await_unread(&self, window: u64, cancelled: Cancelled<'_>) -> Result<(), SendError> {
+        if window > 0 || self.means.paced_by == PacedBy::Schedule {
+            return Ok(());
+        }
+        let mut taken_since = None;
+        let done = |link: &Link, ledger: &Ledger| {
+            if link.waiting(ledger)? > 0 {
+                return Ok(false);
+            }
+            let since = *taken_since.get_or_insert_with(Instant::now);
+            let gives_up = !link.reports_calls() && since.elapsed() >= COMES_BACK;
+            Ok(link.in_hand(ledger)? == 0 || gives_up)
+        };
+        self.wait(&[Event::Taken, Event::Ended], done, cancelled)
+    }
+}

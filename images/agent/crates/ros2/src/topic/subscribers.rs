@@ -1,0 +1,268 @@
+//! Who subscribes: those that are there, come, leave and come back.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::atomic::Ordering;
+use std::sync::{Arc, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use bagpipe_graph::{Cancelled, PacedBy, SendError};
+use bagpipe_ros2ledger::{Endpoint, Event, Kind, Ledger, LedgerError};
+
+use super::sending::failed;
+use super::{Look, Owner, Topic};
+use crate::link::{Link, Subscriptions, Totals};
+use crate::stillness::counted;
+
+/// A subscription whose process has not reported for so long whom it knows is believed to know us.
+const UNREPORTED: Duration = Duration::from_secs(2);
+/// How long we may take to know a subscription in place of another of the same node, at which the
+/// number that we know stays the same. Fast DDS was measured to take up to 0.24 s.
+const RENEWED: Duration = Duration::from_millis(300);
+/// How often somebody who waits for new subscriptions looks at them.
+const MATCHES: Duration = Duration::from_millis(5);
+
+/// For how long a node has been without its subscriptions, at the looks that were taken.
+pub(super) struct Absence {
+    looked: Instant,
+    lasted: Duration,
+}
+
+impl Absence {
+    fn begin() -> Absence {
+        Absence { looked: Instant::now(), lasted: Duration::ZERO }
+    }
+
+    /// Takes in a look at this moment.
+    fn look(&mut self, now: Instant) -> Duration {
+        self.lasted += counted(now - self.looked);
+        self.looked = now;
+        self.lasted
+    }
+}
+
+impl Topic {
+    /// Takes in who subscribes now: those that count, and the names of others, where somebody asked
+    /// for them.
+    pub(crate) fn refresh(
+        &self,
+        look: &Look,
+        uncounted: Option<&[String]>,
+    ) -> Result<(), LedgerError> {
+        let mut looked = self.looked.lock().unwrap_or_else(PoisonError::into_inner);
+        // What goes out from here on is counted by the links.
+        let now = self.sent().totals;
+        let missed = now.since(*looked);
+        *looked = now;
+        let nodes = look.subscriptions(&self.info.topic);
+        self.learn_publishers(&look.endpoints);
+        self.strangers().retain(|owner, _| nodes.contains_key(owner));
+        let mut links = Vec::clone(&self.links());
+        for link in &links {
+            let Some(counted) = &link.counted else { continue };
+            let owner = (counted.process, link.node.clone());
+            let there = nodes.get(&owner).map(Vec::as_slice).unwrap_or_default();
+            let others = link.replace(there, &self.means.ledger)?;
+            if there.is_empty() && link.is_open() && look.running.contains(&owner.0) {
+                self.departed().insert(owner, Absence::begin());
+            }
+            if there.is_empty() || (others && self.means.paced_by == PacedBy::Subscribers) {
+                link.close();
+            }
+        }
+        let now = Instant::now();
+        self.departed().retain(|owner, absence| {
+            !nodes.contains_key(owner)
+                && look.running.contains(&owner.0)
+                && absence.look(now) < RENEWED
+        });
+        for (owner, subscriptions) in &nodes {
+            self.welcome(&mut links, owner, subscriptions, (look, missed));
+        }
+        if let Some(uncounted) = uncounted {
+            self.refresh_uncounted(&mut links, uncounted, missed);
+        }
+        *self.links.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(links);
+        self.listed.store(look.listed, Ordering::Relaxed);
+        Ok(())
+    }
+
+    /// A node subscribes: if it is new, or has come back, it has a link from now on, or from when it
+    /// knows us. By the clock nobody waits for that once the play has begun: `missed` went out since
+    /// the last look.
+    fn welcome(
+        &self,
+        links: &mut Vec<Arc<Link>>,
+        owner: &Owner,
+        subscriptions: &[&Endpoint],
+        (look, missed): (&Look, Totals),
+    ) {
+        let known = links.iter().rev().find(|link| link.is_of(owner)).cloned();
+        if known.as_ref().is_some_and(|link| link.is_open()) {
+            return;
+        }
+        let begun = self.sent().totals.messages() > 0;
+        let at_once = begun && self.means.paced_by == PacedBy::Schedule;
+        if !at_once && !self.knows_us(owner, subscriptions, look, known.is_some()) {
+            return;
+        }
+        let missed = if at_once { missed } else { Totals::default() };
+        if let Some(link) = known {
+            return link.open(missed);
+        }
+        let publishers = self.publishers(&look.endpoints);
+        let counted = Subscriptions::new(subscriptions, &publishers, !begun);
+        let name = self.named(links, &owner.1);
+        links.push(self.link(name, counted, missed));
+    }
+
+    /// Whether a node is there that does not count, as somebody has found.
+    pub(crate) fn is_uncounted(&self, node: &str) -> bool {
+        self.links().iter().any(|link| link.is_uncounted() && link.node == node)
+    }
+
+    fn refresh_uncounted(&self, links: &mut Vec<Arc<Link>>, names: &[String], missed: Totals) {
+        let without = |link: &&Arc<Link>| link.is_uncounted();
+        for link in links.iter().filter(without).filter(|link| !names.contains(&link.node)) {
+            link.close();
+        }
+        for name in names {
+            if !links.iter().filter(without).any(|link| link.node == *name) {
+                let name = self.named(links, name);
+                links.push(self.link(name, None, missed));
+            }
+        }
+    }
+
+    /// One of some nodes that share their names with others, where more subscribe than can be seen:
+    /// `others` are those that do not count.
+    pub(crate) fn hidden(
+        &self,
+        look: &Look,
+        namesakes: &BTreeSet<String>,
+        others: usize,
+    ) -> Option<String> {
+        let name = namesakes.first()?;
+        // Those of processes that have ended are known for a while.
+        let all = look.endpoints.iter().filter(|one| one.kind == Kind::Subscription);
+        let there = all.filter(|one| !one.destroyed && one.topic == self.info.topic).count();
+        let known = self.means.player.subscribers(self.publisher).unwrap_or_default();
+        (known > (there + others) as u64).then(|| name.clone())
+    }
+
+    /// A node's name, with a number that no other of this name has that is there.
+    fn named(&self, links: &[Arc<Link>], node: &str) -> (String, u32) {
+        let there = links.iter().filter(|link| link.is_open() && link.node == node);
+        let taken: BTreeSet<u32> = there.map(|link| link.instance).collect();
+        let free = (0..).find(|number| !taken.contains(number)).unwrap_or_default();
+        (node.to_owned(), free)
+    }
+
+    /// The stack's publishers of the topic, also those that are gone.
+    fn publishers<'e>(&self, endpoints: &'e [Endpoint]) -> Vec<&'e Endpoint> {
+        let all = endpoints.iter().filter(|one| one.kind == Kind::Publisher);
+        all.filter(|one| one.topic == self.info.topic).collect()
+    }
+
+    /// Takes in whose messages its subscribers take beside ours.
+    pub(crate) fn learn_publishers(&self, endpoints: &[Endpoint]) {
+        let publishers = self.publishers(endpoints);
+        self.links().iter().for_each(|link| link.learn(&publishers));
+    }
+
+    fn link(
+        &self,
+        name: (String, u32),
+        counted: Option<Subscriptions>,
+        missed: Totals,
+    ) -> Arc<Link> {
+        let id = self.means.links.fetch_add(1, Ordering::Relaxed);
+        Arc::new(Link::new(id, name, counted, missed))
+    }
+
+    /// Whether all subscriptions of a node have matched us, as far as they report: they know more
+    /// publishers than there are others, and we know all subscriptions that are there. Of a node
+    /// that is `known`, new ones know us from the beginning.
+    fn knows_us(
+        &self,
+        owner: &Owner,
+        subscriptions: &[&Endpoint],
+        look: &Look,
+        known: bool,
+    ) -> bool {
+        let others = look.there(Kind::Publisher, &self.info.topic).count();
+        let there = look.there(Kind::Subscription, &self.info.topic).count();
+        let there = there + self.links().iter().filter(|link| link.is_uncounted()).count();
+        let reported = |one: &&Endpoint| one.matched.is_some_and(|known| known as usize > others);
+        // Either side may know of the other first, and what is published in between never comes.
+        let known_to_us = || self.means.player.subscribers(self.publisher).unwrap_or_default();
+        let mut strangers = self.strangers();
+        let since = *strangers.entry(owner.clone()).or_insert_with(Instant::now);
+        let know_us = match known {
+            true => since.elapsed() >= RENEWED,
+            false => subscriptions.iter().all(reported),
+        };
+        if know_us && known_to_us() == there as u64 {
+            strangers.remove(owner);
+            return true;
+        }
+        // One of the others may be none that it can match.
+        let some = |one: &&Endpoint| one.matched.is_none_or(|known| known > 0);
+        since.elapsed() >= UNREPORTED && subscriptions.iter().all(some)
+    }
+
+    fn strangers(&self) -> MutexGuard<'_, BTreeMap<Owner, Instant>> {
+        self.strangers.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn departed(&self) -> MutexGuard<'_, BTreeMap<Owner, Absence>> {
+        self.departed.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Whether somebody is to be waited for who subscribes and does not know us yet, or has just left
+    /// to subscribe again, and was not waited for in vain. By the clock nobody is.
+    pub(super) fn has_strangers(&self) -> bool {
+        let is_new = |since: &Instant| since.elapsed() < UNREPORTED + RENEWED;
+        self.means.paced_by == PacedBy::Subscribers
+            && (self.strangers().values().any(is_new) || !self.departed().is_empty())
+    }
+
+    /// Before a message goes out: whoever has begun to subscribe since the last one is noticed, and
+    /// at the subscribers' pace it gets to know us first, within a bound.
+    pub(super) fn meet(&self, cancelled: Cancelled<'_>) -> Result<(), SendError> {
+        let ledger = &*self.means.ledger;
+        let failed = |error: LedgerError| failed(&error);
+        if self.listed.load(Ordering::Relaxed) == ledger.listed() && !self.has_strangers() {
+            return Ok(());
+        }
+        loop {
+            self.refresh(&Look::at(ledger).map_err(failed)?, None).map_err(failed)?;
+            if !self.has_strangers() {
+                return Ok(());
+            }
+            if !self.means.watching.swap(true, Ordering::Relaxed) {
+                ledger.watch_matches(true);
+            }
+            let changes = [Event::Matched, Event::Listed];
+            let never = |_: &Ledger| Ok(false);
+            ledger.wait(&changes, &[], Instant::now() + MATCHES, never).map_err(failed)?;
+            if cancelled() {
+                return Err(SendError::Cancelled);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_absence_lasts_as_long_as_somebody_looked() {
+        let mut absence = Absence::begin();
+        let (begun, ms) = (absence.looked, Duration::from_millis);
+        assert_eq!(absence.look(begun + ms(5)), ms(5));
+        assert_eq!(absence.look(begun + ms(30)), ms(30));
+        // A machine that stood still.
+        assert_eq!(absence.look(begun + ms(5_000)), ms(70));
+    }
+}
