@@ -1,0 +1,250 @@
+//! Our node in the graph.
+
+mod others;
+mod recorded;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use bagpipe_graph::{
+    Audit, GraphError, Node, NodeOptions, PacedBy, Publication, Seen, Sink, TopicInfo,
+};
+use bagpipe_ros2ledger::Ledger;
+use bagpipe_ros2player::{Player, Reliability};
+
+use crate::audit::Reader;
+use crate::definition::otherwise_installed;
+use crate::error::failed;
+use crate::recording::{Inputs, Receiving};
+use crate::seen::namesakes;
+use crate::stillness::Stillness;
+use crate::topic::{Means, Topic};
+use crate::{QosOverride, Ros2Options, qos};
+
+/// What our players' names begin with; their process and a number follow.
+pub(crate) const PLAYER: &str = "/bagpipe_player_";
+/// How long a message may be on its way to us once all is over.
+const ON_ITS_WAY: Duration = Duration::from_secs(1);
+
+/// A node of ours: the player's, with what the ledger says of the others.
+pub(crate) struct Graph {
+    name: String,
+    // Before the player, which it takes from.
+    _receiving: Receiving,
+    means: Arc<Means>,
+    inputs: Arc<Inputs>,
+    qos: BTreeMap<String, QosOverride>,
+    prefixes: Vec<PathBuf>,
+    topics: Mutex<Vec<Arc<Topic>>>,
+    wanted: Mutex<BTreeSet<String>>,
+    stillness: Stillness,
+    /// Whether what was published did once not come to us.
+    lacked: AtomicBool,
+}
+
+impl Graph {
+    pub(crate) fn join(
+        name: &str,
+        player: Player,
+        middleware: &Ros2Options,
+        options: &NodeOptions,
+        sink: Box<dyn Sink>,
+    ) -> Result<Graph, GraphError> {
+        let Ros2Options { ledger, qos, prefixes, active, .. } = middleware;
+        let means = Arc::new(Means {
+            player,
+            ledger: Arc::clone(ledger),
+            paced_by: options.paced_by,
+            stall: options.stall,
+            links: AtomicU64::new(1),
+            patience: Mutex::new(options.stall),
+            watching: AtomicBool::new(true),
+        });
+        let inputs = Arc::new(Inputs::default());
+        let receiving = Receiving::start(&inputs, &means, sink).map_err(failed)?;
+        inputs.lives.follow(&means.player, active)?;
+        Ok(Graph {
+            name: name.to_owned(),
+            _receiving: receiving,
+            means,
+            inputs,
+            qos: qos.clone(),
+            prefixes: prefixes.clone(),
+            topics: Mutex::default(),
+            wanted: Mutex::default(),
+            stillness: Stillness::default(),
+            lacked: AtomicBool::new(false),
+        })
+    }
+
+    fn ledger(&self) -> &Ledger {
+        &self.means.ledger
+    }
+
+    fn topics(&self) -> MutexGuard<'_, Vec<Arc<Topic>>> {
+        self.topics.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn wanted(&self) -> MutexGuard<'_, BTreeSet<String>> {
+        self.wanted.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Node for Graph {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn advertise(&self, info: TopicInfo) -> Result<Arc<dyn Publication>, GraphError> {
+        let otherwise = otherwise_installed(&info, &self.prefixes);
+        let wanted = self.qos.get(&info.topic).copied().unwrap_or_default();
+        let mut played = qos::played(&info, wanted);
+        if info.topic == "/clock" && wanted.reliability.is_none() {
+            played.reliability = Reliability::Reliable;
+        }
+        let publisher = self.means.player.advertise(&info.topic, &info.datatype, &played);
+        let (means, publisher) = (Arc::clone(&self.means), publisher.map_err(failed)?);
+        let topic = Arc::new(Topic::new(means, info, publisher, played, otherwise));
+        self.topics().push(Arc::clone(&topic));
+        Ok(topic)
+    }
+
+    fn subscribe(&self, topic: &str) -> Result<(), GraphError> {
+        if self.inputs.of(topic).is_none() {
+            self.wanted().insert(topic.to_owned());
+        }
+        Ok(())
+    }
+
+    fn look(&self) -> Result<Seen, GraphError> {
+        if let Some(why) = self.inputs.failure() {
+            return Err(failed(why));
+        }
+        let nodes = self.means.player.graph().map_err(failed)?;
+        self.must_be_alone(&nodes);
+        self.inputs.lives.ask(&self.means.player)?;
+        // Before what was published is read, so that what comes meanwhile is missing for a moment.
+        let inputs = self.inputs.all();
+        let handed: Vec<u64> = inputs.iter().map(|input| input.arrivals.handed()).collect();
+        let (look, state) = self.look_after(&nodes)?;
+        let namesakes = namesakes(&look.endpoints, &nodes);
+        for topic in self.topics().iter() {
+            let name = &topic.info().topic;
+            let mut uncounted = self.unlisted(topic, &state, &look);
+            uncounted.extend(topic.hidden(&look, &namesakes, uncounted.len()));
+            let uncounted: Vec<String> = uncounted.into_iter().collect();
+            topic.refresh(&look, Some(&uncounted)).map_err(failed)?;
+            topic.note_publishers(self.publishing(&state, name));
+        }
+        self.subscribe_to_wanted(&look.endpoints, &nodes)?;
+        for (input, handed) in inputs.iter().zip(handed) {
+            let others = self.publishing(&state, &input.topic).cloned();
+            input.others.lock().unwrap_or_else(PoisonError::into_inner).extend(others);
+            self.compare(input, handed, &look);
+            self.compare_types(input, &nodes, &look.endpoints);
+        }
+        Ok(Seen { state, again: 0 })
+    }
+
+    fn absent(&self) -> Vec<String> {
+        self.inputs.lives.absent()
+    }
+
+    fn begin(&self) -> Vec<String> {
+        self.inputs.lives.hold()
+    }
+
+    fn restarted(&self, again: u64) -> String {
+        format!("{again} registrations were lost")
+    }
+
+    fn subscribed_topics(&self) -> Vec<String> {
+        let known = self.inputs.all().into_iter().map(|input| input.topic.clone());
+        known.chain(self.wanted().iter().cloned()).collect()
+    }
+
+    fn publishers_of(&self, topic: &str) -> usize {
+        let Some(input) = self.inputs.of(topic) else { return 0 };
+        let matched = self.means.player.publishers(input.subscription).unwrap_or_default();
+        input.acquaintance().among(matched)
+    }
+
+    /// In lock-step and at full speed the stack's own messages are worked off first, from the first
+    /// sweep on.
+    fn sweep(&self, limit: Duration) {
+        if self.means.paced_by == PacedBy::Subscribers {
+            let all = self.topics().clone();
+            let sent: Vec<(String, u64)> =
+                all.iter().map(|topic| (topic.info().topic.clone(), topic.messages())).collect();
+            // A ledger that can't be read fails the next look.
+            let ours = (self.means.player.pid(), &sent[..]);
+            let _ = self.stillness.wait(self.ledger(), ours, self.means.stall);
+        }
+        // Nor can what lacks then be known: it is reported.
+        let Ok(due) = self.due() else { return };
+        let missing = || due.iter().map(|(input, due)| input.arrivals.missing(*due)).sum();
+        let exact = self.means.paced_by == PacedBy::Subscribers;
+        let first = exact && !self.lacked.load(Ordering::Relaxed);
+        let limit = if first { limit.max(ON_ITS_WAY) } else { limit };
+        // What did not come then is lacking: nothing after it is waited for as long, nor it again.
+        if !self.inputs.await_arrivals(limit, self.means.stall, missing) {
+            self.lacked.store(true, Ordering::Relaxed);
+            due.iter().for_each(|(input, due)| input.arrivals.give_up(*due));
+        }
+    }
+
+    fn counts_publishes(&self) -> bool {
+        true
+    }
+
+    fn lacking(&self) -> Vec<String> {
+        let due = match self.due() {
+            Ok(due) => due,
+            Err(error) => {
+                return vec![format!("what was published can't be known: {}", error.source)];
+            }
+        };
+        // What goes out at this moment is on its way.
+        let missing =
+            || due.iter().map(|(input, due)| due.saturating_sub(input.arrivals.handed())).sum();
+        self.inputs.await_arrivals(ON_ITS_WAY, self.means.stall, missing);
+        // Once more for a play that was shorter than who comes needs to be seen.
+        if let Ok(nodes) = self.means.player.graph() {
+            self.must_be_alone(&nodes);
+            if let Ok(endpoints) = self.ledger().endpoints() {
+                due.iter().for_each(|(input, _)| self.compare_types(input, &nodes, &endpoints));
+            }
+        }
+        let mut lacking = Vec::new();
+        lacking.extend(self.inputs.failure());
+        // Who came behind the last message has got those that are kept.
+        lacking.extend(self.topics().iter().filter_map(|topic| topic.misread().map(str::to_owned)));
+        for (input, due) in &due {
+            lacking.extend(input.unrecordable().iter().cloned());
+            let (handed, published) = (input.arrivals.handed(), input.account().published());
+            lacking.extend(self.own(input, handed.saturating_sub(published)));
+            let missing = due.saturating_sub(handed);
+            if missing > 0 {
+                lacking.push(format!(
+                    "{missing} messages of {} did not reach the recorder, which has {handed} of \
+                     {published} published",
+                    input.topic
+                ));
+            }
+        }
+        lacking.sort();
+        lacking
+    }
+
+    fn remarks(&self) -> Vec<String> {
+        [self.stillness.remarks(), self.uncounted()].concat()
+    }
+
+    fn audit(&self, _: Duration) -> Box<dyn Audit> {
+        let topics = self.topics().clone();
+        Box::new(Reader { ledger: Arc::clone(&self.means.ledger), topics })
+    }
+}

@@ -1,0 +1,133 @@
+//! Who else is in the graph, and who of them counts.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+use std::sync::{Arc, PoisonError};
+use std::time::{Duration, Instant};
+
+use bagpipe_graph::{GraphError, Publication, SystemState};
+use bagpipe_ros2ledger::{Endpoint, Kind, Unlisted};
+use bagpipe_ros2player::GraphNode;
+
+use super::{Graph, PLAYER};
+use crate::error::failed;
+use crate::seen::state;
+use crate::stillness::counted;
+use crate::topic::{Look, Topic, uncounted};
+
+/// How long a subscription may be in the graph before its process has listed it: a moment, unless that
+/// gets no processor just then.
+const UNLISTED: Duration = Duration::from_millis(500);
+/// How often it is looked for meanwhile.
+const AGAIN: Duration = Duration::from_millis(5);
+
+impl Graph {
+    /// Fails where another case plays into the same domain.
+    pub(super) fn must_be_alone(&self, nodes: &[GraphNode]) {
+        if let Some(other) = nodes.iter().find_map(|node| foreign_player(&node.name)) {
+            self.inputs.fail(format!(
+                "{other} of another case is in the same domain, so that each receives what the \
+                 other plays: the stack sets ROS_DOMAIN_ID, which must be left to the agent"
+            ));
+        }
+    }
+
+    /// The ledger, which was read after the graph, and who is in both. A node that the ledger does not
+    /// have is new in the graph, or does not count: it is known which after a while.
+    pub(super) fn look_after(
+        &self,
+        nodes: &[GraphNode],
+    ) -> Result<(Look, SystemState), GraphError> {
+        let (mut looked, mut waited) = (Instant::now(), Duration::ZERO);
+        loop {
+            let look = Look::at(self.ledger()).map_err(failed)?;
+            let state = state(&look.endpoints, nodes);
+            let settled = |topic: &Arc<Topic>| {
+                self.unlisted(topic, &state, &look).iter().all(|node| topic.is_uncounted(node))
+            };
+            if waited >= UNLISTED || self.topics().iter().all(settled) {
+                return Ok((look, state));
+            }
+            std::thread::sleep(AGAIN);
+            let now = Instant::now();
+            waited += counted(now - looked);
+            looked = now;
+        }
+    }
+
+    /// The nodes that subscribe to a topic, and whose subscriptions the ledger does not have. By topic: a
+    /// node may count in one of its processes, or with some of its endpoints.
+    pub(super) fn unlisted(
+        &self,
+        topic: &Topic,
+        state: &SystemState,
+        look: &Look,
+    ) -> BTreeSet<String> {
+        let name = &topic.info().topic;
+        let counts =
+            |node: &String| subscribed_to(name, &look.endpoints).any(|one| one.node == *node);
+        let named = state.subscribers.get(name).into_iter().flatten();
+        named.filter(|node| **node != self.name && !counts(node)).cloned().collect()
+    }
+
+    /// The nodes but ours that publish a topic.
+    pub(super) fn publishing<'s>(
+        &self,
+        state: &'s SystemState,
+        topic: &str,
+    ) -> impl Iterator<Item = &'s String> {
+        let all = state.publishers.get(topic).into_iter().flatten();
+        all.filter(|node| **node != self.name)
+    }
+
+    /// What nobody compared or could separate, as nodes publish that do not count.
+    pub(super) fn uncounted(&self) -> Vec<String> {
+        let Ok(endpoints) = self.ledger().endpoints() else { return Vec::new() };
+        let mut remarks = Vec::new();
+        for input in self.inputs.all() {
+            let others = input.others.lock().unwrap_or_else(PoisonError::into_inner);
+            remarks.extend(uncounted(&input.topic, &others, &endpoints).into_iter().map(|node| {
+                format!(
+                    "{node} publishes {} in a process that does not count, so that whether all \
+                     of it was recorded can't be known",
+                    input.topic
+                )
+            }));
+        }
+        for topic in self.topics().iter() {
+            remarks.extend(topic.uncounted(&endpoints).into_iter().map(|node| {
+                format!(
+                    "{node} publishes {} too, in a process that does not count, so that what its \
+                     subscribers got of ours can't be known",
+                    topic.info().topic
+                )
+            }));
+        }
+        let Unlisted { processes, endpoints } = self.ledger().unlisted();
+        if processes + endpoints > 0 {
+            remarks.push(format!(
+                "the ledger had no room for {processes} processes and {endpoints} endpoints of the \
+                 stack: nothing is proved of these"
+            ));
+        }
+        remarks.sort();
+        remarks
+    }
+}
+
+/// The subscriptions of a topic that count, also those that are gone.
+fn subscribed_to<'e>(
+    topic: &'e str,
+    endpoints: &'e [Endpoint],
+) -> impl Iterator<Item = &'e Endpoint> {
+    endpoints.iter().filter(move |one| one.kind == Kind::Subscription && one.topic == topic)
+}
+
+/// The name, if it is that of a player of another process that runs. One that was killed is in the
+/// graph for a while, and plays no more.
+fn foreign_player(name: &str) -> Option<&str> {
+    let (process, _) = name.strip_prefix(PLAYER)?.split_once('_')?;
+    let process: u32 = process.parse().ok()?;
+    let runs = || Path::new("/proc").join(process.to_string()).exists();
+    (process != std::process::id() && runs()).then_some(name)
+}

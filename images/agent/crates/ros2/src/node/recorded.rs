@@ -1,0 +1,169 @@
+//! What is recorded, and whether all of it came.
+
+use std::collections::BTreeSet;
+use std::sync::{Arc, PoisonError};
+use std::time::Instant;
+
+use bagpipe_graph::{GraphError, Publication, Publisher};
+use bagpipe_ros2ledger::{Endpoint, Kind};
+use bagpipe_ros2player::{GraphNode, Qos};
+
+use super::Graph;
+use crate::definition::{installed, schema_encoding};
+use crate::error::failed;
+use crate::recording::Input;
+use crate::topic::{Look, uncounted};
+use crate::{qos, stamp};
+
+impl Graph {
+    /// Subscribes to what is wanted and whose type is known by now.
+    pub(super) fn subscribe_to_wanted(
+        &self,
+        endpoints: &[Endpoint],
+        nodes: &[GraphNode],
+    ) -> Result<(), GraphError> {
+        let wanted: Vec<String> = self.wanted().iter().cloned().collect();
+        for topic in wanted {
+            let publishing = nodes.iter().filter(|node| node.name != self.name);
+            let types = publishing.flat_map(|node| node.publishes.iter());
+            let Some((_, datatype)) = types.clone().find(|(name, _)| *name == topic) else {
+                continue;
+            };
+            let all: Vec<&Endpoint> = published_on(&topic, endpoints).collect();
+            let wanted = qos::recorded(all.iter().map(|one| &one.qos));
+            let names: BTreeSet<&String> = all.iter().map(|one| &one.node).collect();
+            let node = match names.into_iter().collect::<Vec<_>>()[..] {
+                [only] => Some(only.clone()),
+                _ => None,
+            };
+            let publisher = self.publisher(node, datatype, &all, &wanted);
+            let subscription =
+                self.means.player.listen(&topic, datatype, &wanted).map_err(failed)?;
+            self.inputs.add(&topic, (subscription, wanted), publisher);
+            self.wanted().remove(&topic);
+        }
+        Ok(())
+    }
+
+    /// How a recording introduces who publishes a topic.
+    fn publisher(
+        &self,
+        node: Option<String>,
+        datatype: &str,
+        publishers: &[&Endpoint],
+        recorded: &Qos,
+    ) -> Publisher {
+        let played = self.topics().iter().map(|topic| topic.info().clone()).collect::<Vec<_>>();
+        let same = || played.iter().find(|info| info.datatype == datatype);
+        let definition = installed(datatype, &self.prefixes)
+            .or_else(|| Some(same()?.definition.to_string()))
+            .unwrap_or_default();
+        Publisher {
+            node,
+            datatype: datatype.to_owned(),
+            md5sum: String::new(),
+            read_stamp: stamp::reader(&definition),
+            message_encoding: "cdr",
+            schema_encoding: schema_encoding(&definition),
+            definition,
+            latching: recorded.durability == bagpipe_ros2player::Durability::TransientLocal,
+            may_latch: false,
+            offered_qos: Some(qos::yaml(publishers.iter().map(|one| &one.qos))),
+        }
+    }
+
+    /// Takes in what was published on a recorded topic and handed on, by now.
+    pub(super) fn compare(&self, input: &Input, handed: u64, look: &Look) {
+        let all = || published_on(&input.topic, &look.endpoints);
+        let met = self.has_met(input, look);
+        let now = all().map(|one| (one.id, one.counts.published));
+        input.account().look(now, handed, met);
+        for one in all().filter(|one| one.counts.published > 0) {
+            if let Some(why) = qos::unrecordable(&one.qos, &input.qos) {
+                input.unrecordable().insert(format!(
+                    "{} publishes {} {why}, for which the recorder was there already: publish it \
+                     with one quality of service",
+                    one.node, input.topic
+                ));
+            }
+        }
+    }
+
+    /// Takes in who publishes a recorded topic as another type, which reaches no recorder of this one.
+    pub(super) fn compare_types(&self, input: &Input, nodes: &[GraphNode], endpoints: &[Endpoint]) {
+        let recorded = &input.publisher.datatype;
+        for node in nodes.iter().filter(|node| node.name != self.name) {
+            let mut types = node.publishes.iter().filter(|(topic, _)| *topic == input.topic);
+            let Some((_, other)) = types.find(|(_, datatype)| datatype != recorded) else {
+                continue;
+            };
+            let mut own = published_on(&input.topic, endpoints).filter(|one| one.node == node.name);
+            if own.any(|one| one.counts.published > 0) {
+                input.unrecordable().insert(format!(
+                    "{} publishes {} as {other}, and it is recorded as {recorded}: a topic has one \
+                     type",
+                    node.name, input.topic
+                ));
+            }
+        }
+    }
+
+    /// What a recording has of our own messages, which are none of the stack's, where the RMW hands
+    /// them to us all the same: `more` than others have published.
+    pub(super) fn own(&self, input: &Input, more: u64) -> Option<String> {
+        let played = self.topics().iter().any(|topic| topic.info().topic == input.topic);
+        let others = input.others.lock().unwrap_or_else(PoisonError::into_inner);
+        let endpoints = self.ledger().endpoints().ok()?;
+        let known = uncounted(&input.topic, &others, &endpoints).is_empty();
+        (played && known && more > 0).then(|| {
+            format!(
+                "{more} messages of {} were recorded that the stack has not published: it is \
+                 played too, and this RMW does not separate them; do not play it, or remap it",
+                input.topic
+            )
+        })
+    }
+
+    /// Takes in which of the stack's publishers of a recorded topic know us; whether all do, and we
+    /// know as many as there are.
+    fn has_met(&self, input: &Input, look: &Look) -> bool {
+        let there: Vec<&Endpoint> = look.there(Kind::Publisher, &input.topic).collect();
+        let subscribed = look.there(Kind::Subscription, &input.topic).count();
+        let reported = there.iter().map(|one| (one.id, one.matched));
+        input.acquaintance().look(Instant::now(), reported, subscribed);
+        let all = || published_on(&input.topic, &look.endpoints).map(|one| one.id);
+        // The player is asked no more once all have met.
+        if !input.acquaintance().is_whole() || !input.account().has_strangers(all()) {
+            return false;
+        }
+        let known = self.means.player.publishers(input.subscription);
+        known.is_ok_and(|known| known >= there.len() as u64)
+    }
+
+    /// What each recorded topic must have handed on by now at least.
+    pub(super) fn due(&self) -> Result<Vec<(Arc<Input>, u64)>, GraphError> {
+        let all: Vec<(Arc<Input>, u64)> = self
+            .inputs
+            .all()
+            .into_iter()
+            .map(|input| (Arc::clone(&input), input.arrivals.handed()))
+            .collect();
+        let endpoints = self.ledger().endpoints().map_err(failed)?;
+        let due = all.into_iter().map(|(input, handed)| {
+            let now = published_on(&input.topic, &endpoints);
+            let now = now.map(|one| (one.id, one.counts.published));
+            input.account().look(now, handed, false);
+            let due = input.account().due();
+            (input, due)
+        });
+        Ok(due.collect())
+    }
+}
+
+/// The publishers of a topic that count, also those that are gone.
+fn published_on<'e>(
+    topic: &'e str,
+    endpoints: &'e [Endpoint],
+) -> impl Iterator<Item = &'e Endpoint> {
+    endpoints.iter().filter(move |one| one.kind == Kind::Publisher && one.topic == topic)
+}
