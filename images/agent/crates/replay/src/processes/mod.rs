@@ -93,7 +93,7 @@ fn demand(task: &std::path::Path) -> Option<Demand> {
 fn waits(task: PathBuf) -> Option<Waits> {
     let stat = std::fs::read_to_string(task.join("stat")).unwrap_or_default();
     if threads::waits_for_disk(&stat) {
-        return Some(Waits::Processor);
+        return Some(Waits::Disk);
     }
     threads::waits(&std::fs::read_to_string(task.join("syscall")).ok()?)
 }

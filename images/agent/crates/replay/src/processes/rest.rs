@@ -58,7 +58,7 @@ impl Look {
         for (thread, (demand, waits)) in &self.threads {
             let before = earlier.threads.get(thread).map(|(demand, _)| *demand);
             // The kernel adds the time of a wait for a processor once that is over.
-            let starved = *waits == Waits::Processor && before == Some(*demand);
+            let starved = waits.is_of_the_machine() && before == Some(*demand);
             let before = before.unwrap_or_default().nanoseconds;
             let grown = demand.nanoseconds.saturating_sub(before) as f64;
             let grown = if starved { passed } else { grown };
@@ -73,7 +73,7 @@ impl Look {
         let waited = self.threads.iter().filter_map(|(thread, (demand, waits))| {
             let (before, _) = earlier.threads.get(thread)?;
             // The kernel adds the time of a wait for a processor once that is over.
-            if *waits == Waits::Processor && before == demand {
+            if waits.is_of_the_machine() && before == demand {
                 return Some(passed);
             }
             Some(Duration::from_nanos(demand.waited.saturating_sub(before.waited)).min(passed))
@@ -83,6 +83,10 @@ impl Look {
 
     fn turns(&self, thread: &Thread) -> Option<u64> {
         self.threads.get(thread).map(|(demand, _)| demand.turns)
+    }
+
+    fn waits(&self, thread: &Thread) -> Option<Waits> {
+        self.threads.get(thread).map(|(_, waits)| *waits)
     }
 }
 
@@ -104,7 +108,11 @@ impl Watch {
     pub(crate) fn look(&mut self, now: Look, received: bool) -> Rest {
         let wanted = now.wanted_since(&self.last);
         let usual = |process: &i32| self.usual.get(process).copied().unwrap_or_default();
-        let works = wanted.iter().any(|(process, part)| *part >= usual(process) + WORKING);
+        // Who reads a slow disk hardly needs a processor in between.
+        let reads = now.threads.iter().any(|(thread, (_, waits))| {
+            *waits == Waits::Disk && self.before.waits(thread) != Some(Waits::Disk)
+        });
+        let works = reads || wanted.iter().any(|(process, part)| *part >= usual(process) + WORKING);
         self.last = now;
         if works || received {
             self.still = self.last.clone();
@@ -201,6 +209,21 @@ mod tests {
         watch.begin(at(200, Waits::Else));
         assert_eq!(watch.look(at(250, Waits::Processor), false), Rest::Working);
         assert_eq!(watch.look(at(300, Waits::Else), false), Rest::Still);
+    }
+
+    // Promise: recording-ends-by-nodes
+    #[test]
+    fn who_waits_for_a_disk_works_unless_it_always_does() {
+        let at = |at, wanted, waits| look(at, &[(1, 1, wanted, wanted, waits)]);
+        let mut watch = Watch::new(&at(0, 1, Waits::Else), at(100, 1, Waits::Else));
+        watch.begin(at(200, 2, Waits::Else));
+        // A page at a time: of each 50 ms it needs one of a processor.
+        assert_eq!(watch.look(at(250, 3, Waits::Disk), false), Rest::Working);
+        assert_eq!(watch.look(at(300, 4, Waits::Disk), false), Rest::Working);
+        assert_eq!(watch.look(at(350, 5, Waits::Else), false), Rest::Still);
+        // One that writes logs all the time.
+        let mut watch = Watch::new(&at(0, 1, Waits::Disk), at(100, 2, Waits::Disk));
+        assert_eq!(watch.look(at(150, 3, Waits::Disk), false), Rest::Still);
     }
 
     #[test]

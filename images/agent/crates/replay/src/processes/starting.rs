@@ -7,7 +7,6 @@ use std::collections::BTreeSet;
 use std::time::{Duration, Instant};
 
 use super::rest::{Look, WORKING};
-use super::threads::Waits;
 use super::{descendants, look};
 
 /// The time in which all must have rested.
@@ -65,14 +64,14 @@ impl Starting {
 fn rested(before: &Look, now: &Look) -> bool {
     let known: BTreeSet<i32> = before.threads.keys().map(|thread| thread.0).collect();
     now.threads.keys().all(|thread| known.contains(&thread.0))
-        && now.threads.values().all(|(_, waits)| *waits != Waits::Processor)
+        && now.threads.values().all(|(_, waits)| !waits.is_of_the_machine())
         && now.wanted_since(before).values().all(|part| *part < WORKING)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::processes::threads::Demand;
+    use crate::processes::threads::{Demand, Waits};
 
     #[test]
     fn a_process_that_works_or_is_new_is_still_starting() {

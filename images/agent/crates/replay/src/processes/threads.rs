@@ -21,10 +21,19 @@ pub(crate) enum Waits {
     Bytes(u64),
     /// A time.
     Time,
-    /// A processor, unless it has one; or what a disk has to bring before it can go on.
+    /// A processor, unless it has one.
     Processor,
+    /// What a disk has to bring before it can go on.
+    Disk,
     /// Something else.
     Else,
+}
+
+impl Waits {
+    /// Whether it goes on as soon as the machine lets it.
+    pub(crate) fn is_of_the_machine(self) -> bool {
+        matches!(self, Waits::Processor | Waits::Disk)
+    }
 }
 
 /// What a thread has had and wanted of processors.
