@@ -29,7 +29,7 @@ const STABLE: Duration = Duration::from_secs(2);
 /// Outputs are over when none came for this time, and nobody was at work.
 const QUIET: Duration = Duration::from_millis(300);
 /// How long what lies in our own sockets may take into the recording.
-const SWEEP: Duration = Duration::from_secs(1);
+pub(crate) const SWEEP: Duration = Duration::from_secs(1);
 
 /// After the last message.
 pub(crate) struct Drain<'a> {

@@ -13,7 +13,7 @@ use bagpipe_log::Recording;
 use crate::answers::Answers;
 use crate::clock::BagClock;
 use crate::discovery::Discovery;
-use crate::drain::{Drain, PAUSE};
+use crate::drain::{Drain, PAUSE, SWEEP};
 use crate::ledger::{ledger, present};
 use crate::lockstep::Lockstep;
 use crate::machine::{Foreign, Gauge};
@@ -200,7 +200,7 @@ fn perform(
         watch.enter(Stage::Play);
         clock.stand(window.start);
         let (gauge, waiting) = (Gauge::start(&foreign), Waiting::begin(&pids));
-        begin_to_count(scene);
+        begin_to_count(node, recorder, window.start);
         let schedule = player.schedule(window.start, watch.now());
         let pace = match turns {
             Some(turns) => turns.play(&mut player, watch)?,
@@ -264,13 +264,11 @@ fn warm_up(
 }
 
 /// Records from now on, with what is latched in force at the window's start.
-fn begin_to_count(scene: &Scene<'_>) {
-    scene.recorder.latch_after_all(&scene.node.latching_after_all(ASK));
-    if scene.request.mode == Mode::Lockstep {
-        // What was published before the window is before it in every run.
-        scene.node.sweep(PAUSE);
-    }
-    scene.recorder.count_from(scene.request.window.start);
+pub(crate) fn begin_to_count(node: &dyn Node, recorder: &Recorder, start: u64) {
+    recorder.latch_after_all(&node.latching_after_all(ASK));
+    // What was published before the window is before it, however late it comes to us.
+    node.sweep(SWEEP);
+    recorder.count_from(start);
 }
 
 /// Waits until what was sent of the lead-in has been received, so that it can be

@@ -12,6 +12,8 @@ use super::scripted::Words;
 use super::{AnswerBy, ByHand, Mode, Rehearsal, ms, request, say, step, window};
 use crate::ReplayError;
 use crate::plan::Plan;
+use crate::recorder::Recorder;
+use crate::replay::begin_to_count;
 use crate::step::Stepper;
 
 /// A node that counts how often it is swept, and for how long at most.
@@ -19,6 +21,8 @@ struct Swept {
     subscribed: Vec<String>,
     exact: bool,
     sweeps: Mutex<Vec<Duration>>,
+    /// Who is handed a message by each sweep.
+    receives: Option<Recorder>,
 }
 
 impl Node for Swept {
@@ -52,6 +56,7 @@ impl Node for Swept {
 
     fn sweep(&self, limit: Duration) {
         self.sweeps.lock().unwrap().push(limit);
+        self.receives.iter().for_each(|recorder| say(recorder, "/answer"));
     }
 
     fn counts_publishes(&self) -> bool {
@@ -116,7 +121,7 @@ fn stepper<'a>(rehearsal: &'a Rehearsal, node: &'a dyn Node) -> Stepper<'a> {
 
 fn node(subscribed: &[&str], exact: bool) -> Swept {
     let subscribed = subscribed.iter().map(|topic| (*topic).to_owned()).collect();
-    Swept { subscribed, exact, sweeps: Mutex::default() }
+    Swept { subscribed, exact, sweeps: Mutex::default(), receives: None }
 }
 
 #[test]
@@ -134,6 +139,18 @@ fn what_has_come_is_taken_in_when_time_moves_on_if_anything_may_have() {
         [5, 5, 6, 6, 9, 3].into_iter().for_each(|time| stepper.leave(time));
         assert_eq!(*node.sweeps.lock().unwrap(), vec![ms(100); sweeps], "{subscribed:?} {exact}");
     }
+}
+
+#[test]
+fn what_comes_late_of_what_was_published_before_the_window_is_not_in_it() {
+    let by_hand = ByHand::new();
+    let rehearsal = Rehearsal::new(&by_hand, request(&by_hand, window(0, 9_000)));
+    let node = Swept { receives: Some(rehearsal.recorder.clone()), ..node(&[], true) };
+    begin_to_count(&node, &rehearsal.recorder, 0);
+    assert_eq!(*node.sweeps.lock().unwrap(), [ms(1_000)]);
+    assert_eq!(rehearsal.recorder.messages(), 0);
+    say(&rehearsal.recorder, "/answer");
+    assert_eq!(rehearsal.recorder.messages(), 1);
 }
 
 #[test]
