@@ -491,6 +491,35 @@ def test_one_whose_speed_is_known_is_met_between_its_messages_too(
     assert finding.figure > 2
 
 
+@pytest.mark.parametrize("apart", [0.0, 1e-6, 1e-3, 0.02], ids=["none", "1us", "1ms", "20ms"])
+@pytest.mark.parametrize("speed", [8.0, 0.0], ids=["crossing", "standing"])
+def test_two_sensors_that_see_one_at_nearly_the_same_time_give_it_no_speed_of_their_noise(
+    apart: float, speed: float
+) -> None:
+    """Each sees it at 5 Hz, 0.28 m from where the other one does; it is hit between messages."""
+    scenes = []
+    for step in range(50):
+        for late, off in ((0.0, 0.0), (apart, 0.2)):
+            seconds = step / 5 + late
+            place = (102.0 + off, speed * (seconds - 5.1) - off)
+            scenes.append((10 + seconds, [place, OTHER]))
+    finding = found(pass_by(*scenes), minDistance=1.5)
+    assert finding.outcome == ("invalid" if speed else "failed"), finding
+    assert finding.message.startswith(NOBODY_SAW) == bool(speed), finding
+
+
+@pytest.mark.parametrize("speed", [60.0, 5.0])
+def test_one_that_is_seen_very_often_is_followed_as_well(speed: float) -> None:
+    """At 200 Hz, until the ego is 4 m before it."""
+    scenes = []
+    for step in range(2000):
+        x = 102.0 + speed * (5.1 - step / 200)
+        scenes.append((10 + step / 200, [(x, 0.0), OTHER] if x - step / 10 > 4 else [OTHER]))
+    finding = found(pass_by(*scenes), minDistance=2)
+    assert finding.outcome == "invalid", finding
+    assert finding.message.startswith(NOBODY_SAW)
+
+
 def test_the_time_until_one_without_a_speed_is_seen_elsewhere_is_not_covered() -> None:
     """It is 3 m ahead of the ego in one message, and 5 m beside it in the next, 0.2 s later."""
     scenes = [(10 + step / 5, [OTHER]) for step in range(50)]

@@ -22,6 +22,9 @@ _HARDEST = 5.0
 _LONG_ENOUGH = 500_000_000
 # Of one that was followed for less, it is not known where it goes.
 _LEAST_FOLLOWED = 250_000_000
+# Of one that was followed for less still, its speed leads no longer than so many times as long: two
+# sensors that see it at nearly the same time, each a little off, give it a speed that it hasn't.
+_LEADS = 2
 # Of finding who is nearest to whom among those that are left; the rest is taken for others.
 _ROUNDS = 8
 # Lost ones that are looked for at a time: with a large maxAge they would only become more. In
@@ -54,26 +57,44 @@ class _Track(NamedTuple):
     @property
     def goes(self) -> bool:
         """Whether its speed says where it would be later."""
-        return self.known and self.time - self.marks[0][0] >= _LEAST_FOLLOWED
+        return self.known and self._followed >= _LEAST_FOLLOWED
+
+    @property
+    def _followed(self) -> int:
+        """For how many ns its speed was measured."""
+        return self.time - self.marks[0][0] if self.marks else 0
+
+    def _leads(self, time: int) -> bool:
+        """Whether a speed of sightings that lie so near to each other leads that far."""
+        followed = self._followed
+        return followed >= _LEAST_FOLLOWED or abs(time - self.time) <= _LEADS * followed
+
+    def _on_course(self, time: int) -> bool:
+        """Whether it is known how far it may be at most from where it would be."""
+        return self.known and self._leads(time)
 
     def at(self, time: int) -> Point:
-        """Where it would be; where it was last, as long as it has no speed."""
+        """Where it would be, or as far on the way there as its speed leads; where it was last, as
+        long as it has none.
+        """
         x, y = self.speed or (0.0, 0.0)
-        seconds = (time - self.time) / 1e9
-        return self.place[0] + x * seconds, self.place[1] + y * seconds
+        since = time - self.time
+        if not self._leads(time):
+            since = round(math.copysign(_LEADS * self._followed, since))
+        return self.place[0] + x * since / 1e9, self.place[1] + y * since / 1e9
 
     def reach(self, time: int) -> float:
         """How many metres from there it may be."""
         seconds = (time - self.time) / 1e9
-        return _off_course(seconds) if self.known else STANDS + FASTEST * seconds
+        return _off_course(seconds) if self._on_course(time) else STANDS + FASTEST * seconds
 
     def seen_again(self, time: int, place: Point) -> Self:
         """The same, at a later message."""
         if time == self.time:
             return self
         off, seconds = math.dist(self.at(time), place), (time - self.time) / 1e9
-        led_there = self.speed is not None and off <= _off_course(seconds)
-        known = self.known or led_there or math.dist(self.place, place) <= STANDS
+        led_there = self._leads(time) and off <= _off_course(seconds)
+        known = self._on_course(time) or led_there or math.dist(self.place, place) <= STANDS
         old, middle = self.marks if known and self.marks else 2 * ((self.time, self.place),)
         if time - middle[0] >= _LONG_ENOUGH:
             old, middle = middle, (time, place)
@@ -101,7 +122,8 @@ class _Track(NamedTuple):
     def may_be(self, other: Self) -> bool:
         """Whether it was where the other one, which was not seen later, was seen last."""
         off = math.dist(self.at(other.time), other.place)
-        return not self.known or off <= _off_course((self.time - other.time) / 1e9)
+        seconds = (self.time - other.time) / 1e9
+        return not self._on_course(other.time) or off <= _off_course(seconds)
 
     def behind(self, age: int, end: int, last: int) -> Stretch:
         """Behind its last sighting. Where it stood, and no later message lacks it, it stands."""
