@@ -491,6 +491,21 @@ def test_one_whose_speed_is_known_is_met_between_its_messages_too(
     assert finding.figure > 2
 
 
+@pytest.mark.parametrize("lost", [range(10, 11), range(9, 11)], ids=["one", "two"])
+def test_one_that_turns_is_met_between_its_messages_though_one_in_between_lacks_it(
+    lost: range,
+) -> None:
+    """At 7 m/s it goes round a circle of 12 m, at 4 m/s², and is seen twice a second but then."""
+    scenes = []
+    for step in range(20):
+        angle = 7 / 12 * (step / 2 - 5.1)
+        place = (102.0 + 12.0 * (1 - math.cos(angle)), 12.0 * math.sin(angle))
+        scenes.append((10 + step / 2, [OTHER] if step in lost else [place, OTHER]))
+    finding = found(pass_by(*scenes), minDistance=0.5, maxAge="2s")
+    assert finding.outcome == "invalid", finding
+    assert finding.message.startswith(NOBODY_SAW)
+
+
 @pytest.mark.parametrize("apart", [0.0, 1e-6, 1e-3, 0.02], ids=["none", "1us", "1ms", "20ms"])
 @pytest.mark.parametrize("speed", [8.0, 0.0], ids=["crossing", "standing"])
 def test_two_sensors_that_see_one_at_nearly_the_same_time_give_it_no_speed_of_their_noise(

@@ -104,19 +104,19 @@ class _Track(NamedTuple):
 
     def until_again(self, again: Self, age: int, before: int) -> Iterator[Stretch]:
         """From this sighting to the next one, if it hardly moved meanwhile or it is known where it
-        goes: straight there, unless the message at the time `before`, just before the next one,
-        lacks it.
+        goes: straight there. If the message at the time `before`, just before the next one, lacks
+        it, it may as well have gone on as before and be another one.
         """
         span = (again.time - self.time) / 1e9
         if not span:
             return
         stood = math.dist(self.place, again.place) <= STANDS
-        if stood or (again.goes and self.time >= before):
+        if stood or again.goes:
             (x, y), (new_x, new_y) = self.place, again.place
             speed = (new_x - x) / span, (new_y - y) / span
             until = min(again.time, self.time + age)
             yield Stretch("seen" if stood else "feared", self.time, until, self.place, speed)
-        else:
+        if not stood and (self.time < before or not again.goes):
             yield self.behind(age, again.time, again.time)
 
     def may_be(self, other: Self) -> bool:
