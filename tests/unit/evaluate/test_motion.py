@@ -506,6 +506,19 @@ def test_one_that_turns_is_met_between_its_messages_though_one_in_between_lacks_
     assert finding.message.startswith(NOBODY_SAW)
 
 
+@pytest.mark.parametrize("rate", [1, 2, 5, 20])
+def test_where_one_came_from_is_known_when_it_has_been_followed(rate: int) -> None:
+    """It comes into sight just before the ego, crosses its way at 40 m/s, and drives on."""
+    scenes = []
+    for step in range(10 * rate):
+        seconds = (step + 0.5) / rate
+        place = (20.0 * (5 + 1 / rate), 40.0 * (seconds - 5 - 1 / rate))
+        scenes.append((10 + seconds, [OTHER, place] if seconds > 5 else [OTHER]))
+    finding = found(pass_by(*scenes), minDistance=0.9)
+    assert finding.outcome == "invalid", finding
+    assert finding.message.startswith(f"{NOBODY_SAW} "), finding
+
+
 @pytest.mark.parametrize("apart", [0.0, 1e-6, 1e-3, 0.02], ids=["none", "1us", "1ms", "20ms"])
 @pytest.mark.parametrize("speed", [8.0, 0.0], ids=["crossing", "standing"])
 def test_two_sensors_that_see_one_at_nearly_the_same_time_give_it_no_speed_of_their_noise(

@@ -12,6 +12,8 @@ from bagpipe.evaluate.way import FASTEST, STANDS, Point
 
 # Time in ns, and where the obstacles are then.
 Scene = tuple[int, list[Point]]
+# Time in ns, and where one obstacle is then.
+Mark = tuple[int, Point]
 # `seen`: it is known where it was; `feared`: where it would have been at the speed that it had, or
 # on the straight line to where it was next; `unknown`: where it was last, and no speed is known.
 Kind = Literal["seen", "feared", "unknown"]
@@ -52,7 +54,12 @@ class _Track(NamedTuple):
     speed: Point | None = None
     known: bool = False
     # Earlier sightings, of which the first gives the speed.
-    marks: tuple[tuple[int, Point], ...] = ()
+    marks: tuple[Mark, ...] = ()
+
+    @property
+    def mark(self) -> Mark:
+        """This sighting."""
+        return self.time, self.place
 
     @property
     def goes(self) -> bool:
@@ -95,7 +102,7 @@ class _Track(NamedTuple):
         off, seconds = math.dist(self.at(time), place), (time - self.time) / 1e9
         led_there = self._leads(time) and off <= _off_course(seconds)
         known = self._on_course(time) or led_there or math.dist(self.place, place) <= STANDS
-        old, middle = self.marks if known and self.marks else 2 * ((self.time, self.place),)
+        old, middle = self.marks if known and self.marks else 2 * (self.mark,)
         if time - middle[0] >= _LONG_ENOUGH:
             old, middle = middle, (time, place)
         span = (time - old[0]) / 1e9
@@ -104,18 +111,17 @@ class _Track(NamedTuple):
 
     def until_again(self, again: Self, age: int, before: int) -> Iterator[Stretch]:
         """From this sighting to the next one, if it hardly moved meanwhile or it is known where it
-        goes: straight there. If the message at the time `before`, just before the next one, lacks
-        it, it may as well have gone on as before and be another one.
+        goes: straight there, and then it is known where it came from, too. If the message at the
+        time `before`, just before the next one, lacks it, it may as well have gone on as before and
+        be another one.
         """
-        span = (again.time - self.time) / 1e9
-        if not span:
+        if again.time == self.time:
             return
         stood = math.dist(self.place, again.place) <= STANDS
         if stood or again.goes:
-            (x, y), (new_x, new_y) = self.place, again.place
-            speed = (new_x - x) / span, (new_y - y) / span
-            until = min(again.time, self.time + age)
-            yield Stretch("seen" if stood else "feared", self.time, until, self.place, speed)
+            yield _straight("seen" if stood else "feared", self.mark, again.mark, age)
+        if again.goes and self.marks and not (self.goes or stood):
+            yield _straight("feared", self.marks[0], self.mark, age)
         if not stood and (self.time < before or not again.goes):
             yield self.behind(age, again.time, again.time)
 
@@ -133,6 +139,14 @@ class _Track(NamedTuple):
         stands = math.hypot(*self.speed) * (until - self.time) / 1e9 <= STANDS
         kind: Kind = "seen" if stands and self.time == last else "feared"
         return Stretch(kind, self.time, until, self.place, self.speed)
+
+
+def _straight(kind: Kind, one: Mark, other: Mark, age: int) -> Stretch:
+    """From one sighting to a later one, and for at most `age` ns."""
+    (begin, (x, y)), (end, (new_x, new_y)) = one, other
+    seconds = (end - begin) / 1e9
+    speed = (new_x - x) / seconds, (new_y - y) / seconds
+    return Stretch(kind, begin, min(end, begin + age), (x, y), speed)
 
 
 def _off_course(seconds: float) -> float:
