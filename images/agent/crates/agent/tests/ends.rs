@@ -8,12 +8,14 @@ use std::process::Command;
 use rmpv::Value;
 use worker::*;
 
-/// A parent that, as roslaunch does, hides how its nodes end: `respawn` starts a node again.
-const LAUNCH: &str = r#"
+/// A node by its name, its last message and what it does then.
+const NODE: &str = r#"
 cat > "$ROS_HOME/node.py" <<'END'
 import os, signal, sys, threading, time, rospy
 from std_msgs.msg import String
 name, ends_at, way = sys.argv[1], int(sys.argv[2]), sys.argv[3]
+if way == "elsewhere":
+    os.getpid = lambda: 1
 rospy.init_node(name)
 out = rospy.Publisher("/echo", String, queue_size=1000)
 received = [0]
@@ -30,17 +32,21 @@ def answer(message):
     out.publish(message.data)
     received[0] += 1
     if received[0] == ends_at:
-        threading.Timer(0.05, end).start()
+        threading.Timer(0.8 if way == "later" else 0.05, end).start()
 rospy.Subscriber("/chatter", String, answer, queue_size=1000)
-if way == "slowly":
+if way in ("slowly", "later"):
     # Whoever asks it to end meanwhile does not learn how it would have ended.
     signal.signal(signal.SIGINT, lambda *_: os._exit(0))
 open(os.path.dirname(__file__) + "/" + name, "w").close()
 rospy.spin()
-if way == "slowly":
+if way in ("slowly", "later"):
     time.sleep(1)
     os._exit(3)
 END
+"#;
+
+/// A parent that, as roslaunch does, hides how its nodes end: `respawn` starts a node again.
+const LAUNCH: &str = r#"
 cat > "$ROS_HOME/launch.py" <<'END'
 import os, subprocess, sys, time
 python, here = "/usr/bin/python3", sys.argv[1] + "/node.py"
@@ -85,7 +91,7 @@ server.serve_forever()
 
 /// Causes, names and signals of `stack.ended`, of a case of so many messages, 100 in a second.
 fn ends(messages: u64, how: &str) -> Vec<(String, String, Option<i64>, String)> {
-    ends_of(messages, &format!("{LAUNCH}{how}"))
+    ends_of(messages, &format!("{NODE}{LAUNCH}{how}"))
 }
 
 fn ends_of(messages: u64, script: &str) -> Vec<(String, String, Option<i64>, String)> {
@@ -151,8 +157,10 @@ fn a_stranger_at_the_address_of_a_node_that_ended_is_not_taken_for_it() {
     let address = folder.path().join("uri");
     let stranger = Command::new("/usr/bin/python3").args(["-c", STRANGER]).arg(&address).spawn();
     let mut stranger = stranger.unwrap();
-    let ended =
-        ends_of(800, &format!("export ADDRESS={}\n{LAUNCH}100 fails keep", address.display()));
+    let ended = ends_of(
+        800,
+        &format!("export ADDRESS={}\n{NODE}{LAUNCH}100 fails keep", address.display()),
+    );
     let answered = std::fs::read_to_string(folder.path().join("uri.answered"));
     stranger.kill().unwrap();
     stranger.wait().unwrap();
@@ -182,6 +190,34 @@ fn a_node_that_has_left_is_not_asked_to_end_before_it_has_ended_by_itself() {
     let crashed = ends(250, "250 slowly keep");
     assert_eq!(short(&crashed), [("StackCrashed", "/bad", None)]);
     assert!(crashed[0].3.contains("ended with exit status 3"), "{}", crashed[0].3);
+}
+
+// Promise: no-evidence-no-pass
+#[test]
+fn a_node_that_leaves_while_another_ends_is_left_to_end_as_well() {
+    if without_ros() {
+        return;
+    }
+    let node = |name, way| format!("/usr/bin/python3 \"$ROS_HOME/node.py\" {name} 250 {way} &\n");
+    let nodes = [node("bad", "slowly"), node("late", "later")].concat();
+    let crashed = ends_of(250, &format!("{NODE}{nodes}sleep 600"));
+    let expected = [("StackCrashed", "/bad", None), ("StackCrashed", "/late", None)];
+    assert_eq!(short(&crashed), expected);
+}
+
+#[test]
+fn a_node_that_left_and_whose_process_is_not_known_is_not_waited_for() {
+    if without_ros() {
+        return;
+    }
+    let script =
+        format!("{NODE}/usr/bin/python3 \"$ROS_HOME/node.py\" bad 250 elsewhere; sleep 600");
+    let agent = Agent::start(1);
+    let case = realtime(&agent, 250, &script, &[]);
+    let (result, _) = agent.run(0, case, &chatter(250)).result();
+    assert_eq!(at(&result, "stack.ended").as_array().unwrap().len(), 0);
+    println!("{}", at(&result, "timings"));
+    assert!(at(&result, "timings.stop").as_f64().unwrap() < 5.0);
 }
 
 #[test]

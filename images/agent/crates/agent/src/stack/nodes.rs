@@ -37,6 +37,13 @@ pub fn left(roll: &[Known], found: &[Found]) -> BTreeSet<i32> {
     &of(true) - &of(false)
 }
 
+/// What has become of nodes by a later look: one that had gone by the first stays gone, also where
+/// its launcher has started it again.
+pub fn later(found: Vec<Found>, again: Vec<Found>) -> Vec<Found> {
+    let either = |(first, then)| if first == Found::Same { then } else { first };
+    found.into_iter().zip(again).map(either).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -61,5 +68,12 @@ mod tests {
         assert_eq!(left(&roll, &found), BTreeSet::from([6, 7]));
         // Of one that was replaced nothing is left to wait for.
         assert_eq!(left(&roll[..1], &[Found::Another]), BTreeSet::new());
+    }
+
+    #[test]
+    fn a_later_look_finds_who_has_gone_since() {
+        let first = vec![Found::Same, Found::Same, Found::Unregistered];
+        let again = vec![Found::Same, Found::Unregistered, Found::Another];
+        assert_eq!(later(first, again), [Found::Same, Found::Unregistered, Found::Unregistered]);
     }
 }

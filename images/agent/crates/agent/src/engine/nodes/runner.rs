@@ -23,8 +23,8 @@ use crate::engine::nodes::outcome::{Outcome, Timings};
 use crate::engine::nodes::simulator::{PipeWorld, topics, unrecorded};
 use crate::stack::end::StackEnd;
 use crate::stack::evidence::Moment;
-use crate::stack::nodes::{Found, Known, left};
-use crate::stack::processes::{Children, Spared, is_alive, pause};
+use crate::stack::nodes::{Found, Known, later, left};
+use crate::stack::processes::{Children, Spared, descendants, is_alive, pause};
 use crate::stack::{HURRY, Program, Surroundings};
 
 /// How often the pipe and the processes are looked at, at most: replay asks much oftener.
@@ -242,21 +242,32 @@ impl Runner<'_> {
     /// What has become of the nodes that were there when the play began.
     fn look_at_nodes(&self) -> Vec<(Known, Found)> {
         let roll = self.roll.take();
-        let found = self.host.look(&roll);
-        self.await_ends(&left(&roll, &found));
+        let deadline = self.deadline.min(Instant::now() + LEAVE);
+        let mut found = self.host.look(&roll);
+        while self.await_ends(&left(&roll, &found), deadline) {
+            // Others may have left meanwhile.
+            found = later(found, self.host.look(&roll));
+        }
         roll.into_iter().zip(found).collect()
     }
 
-    /// Until processes have ended that are about to: one that is asked to end on its way out does not
-    /// show how it would have ended.
-    fn await_ends(&self, pids: &BTreeSet<i32>) {
-        let deadline = self.deadline.min(Instant::now() + LEAVE);
-        while pids.iter().any(|pid| is_alive(*pid))
-            && self.interruption().is_none()
-            && Instant::now() < deadline
-        {
+    /// Until processes have ended that are about to, `true` if one has: one that is asked to end on
+    /// its way out does not show how it would have ended.
+    fn await_ends(&self, pids: &BTreeSet<i32>, deadline: Instant) -> bool {
+        // A node in a namespace of its own gives a number that is another's here.
+        let own = descendants(std::process::id(), &self.spared.pids());
+        let mut leaving = pids & &own;
+        leaving.retain(|pid| is_alive(*pid));
+        if leaving.is_empty() {
+            return false;
+        }
+        while leaving.iter().any(|pid| is_alive(*pid)) {
+            if self.interruption().is_some() || Instant::now() >= deadline {
+                return false;
+            }
             pause(GLANCE);
         }
+        true
     }
 
     /// Whether the agent must end, or the worker is gone.
