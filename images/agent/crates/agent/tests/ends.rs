@@ -220,6 +220,18 @@ fn a_node_that_left_and_whose_process_is_not_known_is_not_waited_for() {
     assert!(at(&result, "timings.stop").as_f64().unwrap() < 5.0);
 }
 
+// Promise: no-evidence-no-pass
+#[test]
+fn a_parent_that_waits_for_a_node_does_not_hide_how_it_ended() {
+    if without_ros() {
+        return;
+    }
+    let script = format!("{NODE}/usr/bin/python3 \"$ROS_HOME/node.py\" bad 250 slowly; sleep 600");
+    let crashed = ends_of(250, &script);
+    assert_eq!(short(&crashed), [("StackCrashed", "/bad", None)]);
+    assert!(crashed[0].3.contains("ended with exit status 3"), "{}", crashed[0].3);
+}
+
 #[test]
 fn an_allowed_end_of_the_command_ends_no_replay() {
     if without_ros() {

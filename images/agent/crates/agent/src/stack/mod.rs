@@ -3,6 +3,7 @@
 pub(crate) mod command;
 pub(crate) mod end;
 pub(crate) mod evidence;
+pub(crate) mod exit_code;
 pub(crate) mod nodes;
 pub(crate) mod processes;
 pub(crate) mod tail;

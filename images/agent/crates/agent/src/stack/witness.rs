@@ -2,17 +2,19 @@
 //!
 //! roslaunch and shells collect their own children and need not report how they ended. A pidfd
 //! says at once when its process has ended, and until the parent has collected it
-//! /proc/PID/stat says how. Where the parent is faster the end is known, and not its status.
+//! /proc/PID/stat says how. After that the pidfd does, since Linux 6.15; on an older kernel the end
+//! is then known, and not its status.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::os::fd::OwnedFd;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use rustix::event::{EventfdFlags, PollFd, PollFlags, Timespec, eventfd, poll};
 use rustix::process::{Pid, PidfdFlags, pidfd_open};
 
+use crate::stack::exit_code::{of_collected, of_zombie};
 use crate::stack::processes::{Ended, Spared, descendants};
 
 /// The pause between two looks for new processes, at first and later.
@@ -22,6 +24,9 @@ const LONGEST_PAUSE: Duration = Duration::from_millis(100);
 const REST: u32 = 50;
 /// A look that takes long because the machine is busy must not blind us for long.
 const LONGEST_REST: Duration = Duration::from_millis(500);
+
+/// No process's number.
+const ENOUGH: i32 = 0;
 
 /// The end of a process.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -36,7 +41,7 @@ pub struct ProcessEnd {
 /// Watches everything below this process.
 #[derive(Debug)]
 pub struct Witness {
-    seen: Arc<Mutex<Vec<ProcessEnd>>>,
+    watched: Arc<Mutex<Watched>>,
     enough: Arc<OwnedFd>,
     thread: JoinHandle<()>,
 }
@@ -46,17 +51,15 @@ impl Witness {
     /// kernel refuses: ends are then known of our own children alone.
     pub fn start(spared: &Spared) -> Option<Self> {
         let enough = Arc::new(eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK).ok()?);
-        let seen = Arc::default();
-        let mut watch = Watch {
+        let watched = Arc::new(Mutex::new(Watched::default()));
+        let watch = Watch {
             spared: spared.clone(),
-            alive: BTreeMap::new(),
-            over: BTreeSet::new(),
-            seen: Arc::clone(&seen),
+            watched: Arc::clone(&watched),
             enough: Arc::clone(&enough),
         };
         let thread = std::thread::Builder::new().name("witness".to_owned());
         let thread = thread.spawn(move || watch.run()).ok()?;
-        Some(Self { seen, enough, thread })
+        Some(Self { watched, enough, thread })
     }
 
     /// All ends, once nothing is left that could end.
@@ -64,21 +67,59 @@ impl Witness {
         // It can't fail: nobody else writes.
         rustix::io::write(&*self.enough, &1_u64.to_ne_bytes()).ok();
         self.thread.join().ok();
-        std::mem::take(&mut *self.seen.lock().unwrap_or_else(PoisonError::into_inner))
+        std::mem::take(&mut lock(&self.watched).seen)
+    }
+}
+
+/// What is known of processes, by whoever looks.
+#[derive(Debug, Default)]
+struct Watched {
+    alive: BTreeMap<i32, (Arc<OwnedFd>, String)>,
+    /// Reported already, and maybe not yet collected by their parents.
+    over: BTreeSet<i32>,
+    seen: Vec<ProcessEnd>,
+}
+
+impl Watched {
+    fn fds(&self) -> Vec<(i32, Arc<OwnedFd>)> {
+        self.alive.iter().map(|(pid, (fd, _))| (*pid, Arc::clone(fd))).collect()
+    }
+
+    /// Takes in who is new of all that are there.
+    fn add(&mut self, there: &BTreeSet<i32>) {
+        self.over.retain(|pid| there.contains(pid));
+        for &pid in there {
+            if self.alive.contains_key(&pid) || self.over.contains(&pid) {
+                continue;
+            }
+            let Some(watched) = Pid::from_raw(pid) else { continue };
+            if let Ok(fd) = pidfd_open(watched, PidfdFlags::empty()) {
+                self.alive.insert(pid, (Arc::new(fd), name_of(pid)));
+            }
+        }
+    }
+
+    /// Those that ended, each once.
+    fn note(&mut self, ended: &[i32], at: Instant) {
+        for &pid in ended {
+            // Before anything else: its parent collects it any moment.
+            let stat = std::fs::read(format!("/proc/{pid}/stat")).unwrap_or_default();
+            let Some((fd, name)) = self.alive.remove(&pid) else { continue };
+            self.over.insert(pid);
+            let ended = of_zombie(&String::from_utf8_lossy(&stat)).or_else(|| of_collected(&fd));
+            self.seen.push(ProcessEnd { pid, name, ended, at });
+        }
     }
 }
 
 struct Watch {
     spared: Spared,
-    alive: BTreeMap<i32, (OwnedFd, String)>,
-    /// Reported already, and maybe not yet collected by their parents.
-    over: BTreeSet<i32>,
-    seen: Arc<Mutex<Vec<ProcessEnd>>>,
+    watched: Arc<Mutex<Watched>>,
     enough: Arc<OwnedFd>,
 }
 
 impl Watch {
-    fn run(&mut self) {
+    fn run(&self) {
         let mut pause = FIRST_PAUSE;
         loop {
             let begun = Instant::now();
@@ -96,83 +137,40 @@ impl Watch {
     }
 
     /// Begins to watch what is new.
-    fn look(&mut self) {
+    fn look(&self) {
         let there = descendants(std::process::id(), &self.spared.pids());
-        self.over.retain(|pid| there.contains(pid));
-        for pid in there {
-            if self.alive.contains_key(&pid) || self.over.contains(&pid) {
-                continue;
-            }
-            let Some(watched) = Pid::from_raw(pid) else { continue };
-            if let Ok(fd) = pidfd_open(watched, PidfdFlags::empty()) {
-                self.alive.insert(pid, (fd, name_of(pid)));
-            }
-        }
+        lock(&self.watched).add(&there);
     }
 
     /// Notes what ends until a time; `true` when it is enough.
-    fn wait(&mut self, until: Instant) -> bool {
-        let left = until.saturating_duration_since(Instant::now());
-        let timeout = Timespec { tv_sec: 0, tv_nsec: i64::from(left.subsec_nanos()) };
-        let mut fds = vec![PollFd::new(&*self.enough, PollFlags::IN)];
-        fds.extend(self.alive.values().map(|(fd, _)| PollFd::new(fd, PollFlags::IN)));
-        if poll(&mut fds, Some(&timeout)).is_err() {
-            return false;
-        }
+    fn wait(&self, until: Instant) -> bool {
+        let mut fds = lock(&self.watched).fds();
+        fds.push((ENOUGH, Arc::clone(&self.enough)));
+        let mut ready = ready(&fds, until);
         let at = Instant::now();
-        let is_ready = |fd: &PollFd<'_>| !fd.revents().is_empty();
-        let enough = is_ready(&fds[0]);
-        let ended = self.alive.keys().zip(&fds[1..]).filter(|(_, fd)| is_ready(fd));
-        let ended: Vec<i32> = ended.map(|(pid, _)| *pid).collect();
-        drop(fds);
-        for pid in ended {
-            // Before anything else: its parent collects it any moment.
-            let stat = std::fs::read(format!("/proc/{pid}/stat")).unwrap_or_default();
-            let Some((_, name)) = self.alive.remove(&pid) else { continue };
-            self.over.insert(pid);
-            let ended = exit_code(&String::from_utf8_lossy(&stat));
-            let end = ProcessEnd { pid, name, ended, at };
-            self.seen.lock().unwrap_or_else(PoisonError::into_inner).push(end);
-        }
+        let enough = ready.pop_if(|pid| *pid == ENOUGH).is_some();
+        lock(&self.watched).note(&ready, at);
         enough
     }
+}
+
+fn lock(watched: &Mutex<Watched>) -> MutexGuard<'_, Watched> {
+    watched.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Those whose file is readable, once one is or it is time.
+fn ready(fds: &[(i32, Arc<OwnedFd>)], until: Instant) -> Vec<i32> {
+    let left = until.saturating_duration_since(Instant::now());
+    let timeout = Timespec { tv_sec: 0, tv_nsec: i64::from(left.subsec_nanos()) };
+    let mut polled: Vec<_> = fds.iter().map(|(_, fd)| PollFd::new(fd, PollFlags::IN)).collect();
+    if poll(&mut polled, Some(&timeout)).is_err() {
+        return Vec::new();
+    }
+    let ready = fds.iter().zip(&polled).filter(|(_, fd)| !fd.revents().is_empty());
+    ready.map(|((pid, _), _)| *pid).collect()
 }
 
 fn name_of(pid: i32) -> String {
     let name = std::fs::read_to_string(format!("/proc/{pid}/comm")).unwrap_or_default();
     name.trim_end().to_owned()
-}
-
-/// How a zombie ended, by its line of /proc/PID/stat (proc(5), fields 3 and 52).
-fn exit_code(stat: &str) -> Option<Ended> {
-    // The command's name stands in parentheses and may hold anything.
-    let mut fields = stat.rsplit(')').next()?.split_whitespace();
-    if !matches!(fields.next()?, "Z" | "X") {
-        return None;
-    }
-    let code: i32 = fields.nth(48)?.parse().ok()?;
-    let signal = code & 0x7f;
-    Some(match signal {
-        0 => Ended { exit_status: Some((code >> 8) & 0xff), signal: None },
-        _ => Ended { exit_status: None, signal: Some(signal) },
-    })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_zombies_line_says_how_it_ended() {
-        let line = |state: &str, code: i32| {
-            let between = vec!["0"; 48].join(" ");
-            format!("7 (a) b) {state} {between} {code}")
-        };
-        let ended = |exit_status, signal| Some(Ended { exit_status, signal });
-        assert_eq!(exit_code(&line("Z", 3 << 8)), ended(Some(3), None));
-        assert_eq!(exit_code(&line("Z", 0x80 | 11)), ended(None, Some(11)));
-        assert_eq!(exit_code(&line("Z", 0)), ended(Some(0), None));
-        assert_eq!(exit_code(&line("S", 0)), None);
-        assert_eq!(exit_code(""), None);
-    }
 }
