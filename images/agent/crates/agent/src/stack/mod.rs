@@ -10,7 +10,7 @@ pub(crate) mod tail;
 pub(crate) mod usage;
 pub(crate) mod witness;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ffi::OsString;
 use std::os::fd::OwnedFd;
 use std::os::unix::process::CommandExt;
@@ -174,6 +174,8 @@ impl Program {
         let itself = children.ended(self.pid).is_some();
         // What it says when it is asked to end is not why something ended before.
         let last_line = self.stderr().pop();
+        let mut over = self.witness.as_ref().map(Witness::dumping).unwrap_or_default();
+        self.witness.iter().for_each(Witness::settle);
         let asked = Instant::now();
         let sampled = self.usage.take().map(|usage| usage.stop_sampling(spared));
         let killed = children.stop(Some(self.pid), &spared.pids(), patience)?;
@@ -183,7 +185,8 @@ impl Program {
         let ended = children.ended(self.pid);
         let pid = self.pid.as_raw_nonzero().get();
         let usage = sampled.map(Sampled::finish);
-        let (before, after) = self.witnessed(children, asked, itself);
+        over.extend(itself.then_some(pid));
+        let (before, after) = self.witnessed(children, asked, &over);
         let (stdout, stderr) = self.output();
         Ok(StackEnd {
             exit_status: ended.and_then(|ended| ended.exit_status),
@@ -200,21 +203,21 @@ impl Program {
         })
     }
 
-    /// The ends before anything was asked to end, and those after that.
+    /// The ends before anything was asked to end, those of `over` among them, and those after that.
     fn witnessed(
         &mut self,
         children: &Children,
         asked: Instant,
-        itself: bool,
+        over: &BTreeSet<i32>,
     ) -> (Vec<ProcessEnd>, Vec<ProcessEnd>) {
         let pid = self.pid.as_raw_nonzero().get();
         let mut ends = self.witness.take().map(Witness::finish).unwrap_or_default();
-        if itself && !ends.iter().any(|end| end.pid == pid) {
+        if over.contains(&pid) && !ends.iter().any(|end| end.pid == pid) {
             ends.push(ProcessEnd { pid, name: String::new(), ended: None, at: asked });
         }
         for end in &mut ends {
             end.ended = children.collected(end.pid).or(end.ended);
-            if itself && end.pid == pid {
+            if over.contains(&end.pid) {
                 end.at = end.at.min(asked);
             }
         }

@@ -190,8 +190,33 @@ pub fn is_alive(pid: i32) -> bool {
     state.is_some_and(|state| !matches!(state, "Z" | "X"))
 }
 
+/// Whether a fault has ended a process whose core the kernel still writes, which SIGKILL alone ends
+/// sooner.
+pub fn is_dumping(pid: i32) -> bool {
+    let status = std::fs::read(format!("/proc/{pid}/status")).unwrap_or_default();
+    says_dumping(&String::from_utf8_lossy(&status))
+}
+
+/// Reads /proc/PID/status (proc(5)).
+fn says_dumping(status: &str) -> bool {
+    let value = status.lines().find_map(|line| line.strip_prefix("CoreDumping:"));
+    value.is_some_and(|value| value.trim() == "1")
+}
+
 /// Every process below `root`, without `spared` and what is below those.
 pub fn descendants(root: u32, spared: &[Pid]) -> BTreeSet<i32> {
     let spared = spared.iter().map(|pid| group_number(*pid)).collect();
     bagpipe_replay::descendants(root, &spared)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_core_that_is_written_is_seen() {
+        assert!(says_dumping("Name:\tCoreDumping:\nCoreDumping:\t1\nTHP_enabled:\t1\n"));
+        assert!(!says_dumping("Name:\tCoreDumping:\t1\nCoreDumping:\t0\nTHP_enabled:\t1\n"));
+        assert!(!is_dumping(i32::try_from(std::process::id()).unwrap()));
+    }
 }

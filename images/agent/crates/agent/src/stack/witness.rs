@@ -15,7 +15,7 @@ use rustix::event::{EventfdFlags, PollFd, PollFlags, Timespec, eventfd, poll};
 use rustix::process::{Pid, PidfdFlags, pidfd_open};
 
 use crate::stack::exit_code::{of_collected, of_zombie};
-use crate::stack::processes::{Ended, Spared, descendants};
+use crate::stack::processes::{Ended, Spared, descendants, is_dumping};
 
 /// The pause between two looks for new processes, at first and later.
 const FIRST_PAUSE: Duration = Duration::from_millis(10);
@@ -60,6 +60,20 @@ impl Witness {
         let thread = std::thread::Builder::new().name("witness".to_owned());
         let thread = thread.spawn(move || watch.run()).ok()?;
         Some(Self { watched, enough, thread })
+    }
+
+    /// Notes what has ended by now, also where the thread that watches got no processor.
+    pub fn settle(&self) {
+        let fds = lock(&self.watched).fds();
+        let ended = ready(&fds, Instant::now());
+        let at = Instant::now();
+        lock(&self.watched).note(&ended, at);
+    }
+
+    /// Processes that a fault has ended and whose core the kernel still writes.
+    pub fn dumping(&self) -> BTreeSet<i32> {
+        let watched = lock(&self.watched);
+        watched.alive.keys().copied().filter(|pid| is_dumping(*pid)).collect()
     }
 
     /// All ends, once nothing is left that could end.
@@ -173,4 +187,34 @@ fn ready(fds: &[(i32, Arc<OwnedFd>)], until: Instant) -> Vec<i32> {
 fn name_of(pid: i32) -> String {
     let name = std::fs::read_to_string(format!("/proc/{pid}/comm")).unwrap_or_default();
     name.trim_end().to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::process::Command;
+
+    use super::*;
+
+    #[test]
+    fn what_ended_is_noted_at_once_where_the_thread_that_watches_gets_no_processor() {
+        let mut child = Command::new("/bin/sh").args(["-c", "exit 3"]).spawn().unwrap();
+        let pid = i32::try_from(child.id()).unwrap();
+        let mut watched = Watched::default();
+        watched.add(&BTreeSet::from([pid]));
+        let fds = watched.fds();
+        while ready(&fds, Instant::now() + LONGEST_REST).is_empty() {}
+        let enough = eventfd(0, EventfdFlags::CLOEXEC).unwrap();
+        let thread = std::thread::spawn(|| ());
+        let watched = Arc::new(Mutex::new(watched));
+        let witness = Witness { watched, enough: Arc::new(enough), thread };
+        let before = Instant::now();
+        witness.settle();
+        witness.settle();
+        let after = Instant::now();
+        let ends = witness.finish();
+        child.wait().unwrap();
+        assert_eq!(ends.len(), 1);
+        assert_eq!(ends[0].ended, Some(Ended { exit_status: Some(3), signal: None }));
+        assert!((before..=after).contains(&ends[0].at));
+    }
 }
