@@ -11,7 +11,7 @@ use worker::*;
 /// A node by its name, its last message and what it does then.
 const NODE: &str = r#"
 cat > "$ROS_HOME/node.py" <<'END'
-import os, signal, sys, threading, time, rospy
+import mmap, os, resource, signal, sys, threading, time, rospy
 from std_msgs.msg import String
 name, ends_at, way = sys.argv[1], int(sys.argv[2]), sys.argv[3]
 if way == "elsewhere":
@@ -25,7 +25,14 @@ def end():
             file.write(rospy.get_node_uri())
         os.rename(os.environ["ADDRESS"] + ".part", os.environ["ADDRESS"])
     print(name + " has had enough", file=sys.stderr, flush=True)
-    if way == "segfault":
+    if way == "dumps":
+        # The kernel looks at each page of it, which takes seconds, and writes one.
+        resource.setrlimit(resource.RLIMIT_CORE, (resource.RLIM_INFINITY,) * 2)
+        no_reserve = 0x4000
+        kind = mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS | no_reserve
+        large = mmap.mmap(-1, 128 << 30, flags=kind)
+        large[0] = 1
+    if way in ("segfault", "dumps"):
         os.kill(os.getpid(), signal.SIGSEGV)
     os._exit(3) if way == "fails" else rospy.signal_shutdown("done")
 def answer(message):
@@ -95,8 +102,16 @@ fn ends(messages: u64, how: &str) -> Vec<(String, String, Option<i64>, String)> 
 }
 
 fn ends_of(messages: u64, script: &str) -> Vec<(String, String, Option<i64>, String)> {
+    ends_within(messages, script, &[])
+}
+
+fn ends_within(
+    messages: u64,
+    script: &str,
+    deadlines: &[(&str, f64)],
+) -> Vec<(String, String, Option<i64>, String)> {
     let agent = Agent::start(1);
-    let case = realtime(&agent, messages, script, &[]);
+    let case = realtime(agent.case(script, deadlines), messages, &[]);
     let (result, _) = agent.run(0, case, &chatter(messages)).result();
     println!("{}", at(&result, "stack.ended"));
     let ended = at(&result, "stack.ended").as_array().unwrap();
@@ -107,8 +122,8 @@ fn ends_of(messages: u64, script: &str) -> Vec<(String, String, Option<i64>, Str
     found.collect()
 }
 
-fn realtime(agent: &Agent, messages: u64, script: &str, allow: &[&str]) -> Value {
-    let Value::Map(mut case) = agent.case(script, &[]) else { panic!() };
+fn realtime(case: Value, messages: u64, allow: &[&str]) -> Value {
+    let Value::Map(mut case) = case else { panic!() };
     case.retain(|(key, _)| !matches!(key.as_str(), Some("playback" | "window")));
     case.push(("window".into(), window(100_000_000_000, 100_000_000_000 + messages * 10_000_000)));
     case.push(("playback".into(), map(&[("mode", "realtime".into()), ("rate", 1.0.into())])));
@@ -213,7 +228,7 @@ fn a_node_that_left_and_whose_process_is_not_known_is_not_waited_for() {
     let script =
         format!("{NODE}/usr/bin/python3 \"$ROS_HOME/node.py\" bad 250 elsewhere; sleep 600");
     let agent = Agent::start(1);
-    let case = realtime(&agent, 250, &script, &[]);
+    let case = realtime(agent.case(&script, &[]), 250, &[]);
     let (result, _) = agent.run(0, case, &chatter(250)).result();
     assert_eq!(at(&result, "stack.ended").as_array().unwrap().len(), 0);
     println!("{}", at(&result, "timings"));
@@ -232,6 +247,24 @@ fn a_parent_that_waits_for_a_node_does_not_hide_how_it_ended() {
     assert!(crashed[0].3.contains("ended with exit status 3"), "{}", crashed[0].3);
 }
 
+// Promise: no-evidence-no-pass
+#[test]
+fn a_crash_whose_core_is_still_written_is_seen() {
+    if without_ros() {
+        return;
+    }
+    let pattern = std::fs::read_to_string("/proc/sys/kernel/core_pattern").unwrap();
+    if pattern.trim().is_empty() || pattern.starts_with('|') {
+        println!(
+            "skipped: cores go to {pattern:?}, to which a sparse one is not written in seconds"
+        );
+        return;
+    }
+    let script = format!("{NODE}cd \"$ROS_HOME\"; exec /usr/bin/python3 node.py bad 250 dumps");
+    let crashed = ends_within(250, &script, &[("drain", 0.5)]);
+    assert_eq!(short(&crashed), [("StackCrashed", "/bad", Some(11))]);
+}
+
 #[test]
 fn an_allowed_end_of_the_command_ends_no_replay() {
     if without_ros() {
@@ -240,9 +273,9 @@ fn an_allowed_end_of_the_command_ends_no_replay() {
     // The command ends well in the middle, and its node goes on.
     let script = format!("({ECHO}) & sleep 1.5; exit 0");
     let agent = Agent::start(1);
-    let abort = agent.run(0, realtime(&agent, 250, &script, &[]), &chatter(250)).abort();
+    let abort = agent.run(0, realtime(agent.case(&script, &[]), 250, &[]), &chatter(250)).abort();
     assert_eq!((&*abort.reason, abort.exit_status), ("StackExited", Some(0)));
-    let case = realtime(&agent, 250, &script, &["StackExited"]);
+    let case = realtime(agent.case(&script, &[]), 250, &["StackExited"]);
     let (result, _) = agent.run(0, case, &chatter(250)).result();
     assert_eq!(at(&result, "stack.ended.0.cause").as_str(), Some("StackExited"));
     assert_eq!(at(&result, "ledger.received").as_u64(), Some(250));
