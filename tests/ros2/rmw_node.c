@@ -29,7 +29,18 @@ int rmw_context_fini(struct rmw_context *context) {
   return RMW_OK;
 }
 
+static bool is_set(const char *variable, const char *value) {
+  const char *set = getenv(variable);
+  return set != NULL && strcmp(set, value) == 0;
+}
+
 struct rmw_node *rmw_create_node(struct rmw_context *context, const char *name, const char *space) {
+  if (is_set("ROS_SECURITY_ENABLE", "true") && is_set("ROS_SECURITY_STRATEGY", "Enforce")) {
+    /* As ROS 2's own does: what is wrong is on standard error alone. */
+    fprintf(stderr, "Security was requested, and this DDS has none\n");
+    standin_error(RMW_ERROR, "error not set");
+    return NULL;
+  }
   struct rmw_node *made = calloc(1, sizeof *made);
   struct node *node = calloc(1, sizeof *node);
   char user_data[1024];

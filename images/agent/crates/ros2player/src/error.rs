@@ -83,6 +83,26 @@ pub enum PlayerError {
         /// rcl's text.
         reason: String,
     },
+    /// A function of rcl has failed, and ROS 2's security is on.
+    #[error(
+        "the ROS 2 player can't {what}: {call}; ROS_SECURITY_ENABLE is true, so that it needs all \
+         keys in {enclave}: the enclave / of ROS_SECURITY_KEYSTORE, unless \
+         ROS_SECURITY_ENCLAVE_OVERRIDE names another; governance and permissions must let it into \
+         domain {domain}, and to what is played and recorded{}",
+        last_lines(errors)
+    )]
+    Secured {
+        /// What the player was to do.
+        what: String,
+        /// [`Call`](Self::Call): which function, and rcl's text.
+        call: Box<PlayerError>,
+        /// The folder where the player's keys are looked for.
+        enclave: String,
+        /// The domain that it was to join.
+        domain: String,
+        /// The last lines of its standard error: what is refused stands there alone.
+        errors: Vec<String>,
+    },
     /// The middleware has refused messages since the last call.
     #[error("{count} messages on {topic} were refused, the last since: {reason}")]
     Refused {

@@ -56,6 +56,7 @@ mod program;
 mod qos;
 mod receive;
 mod ring;
+mod security;
 mod state;
 
 pub use error::PlayerError;

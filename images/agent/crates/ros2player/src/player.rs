@@ -19,6 +19,7 @@ use crate::options::PlayerOptions;
 use crate::program::{Program, lock};
 use crate::qos::Datatype;
 use crate::ring::{self, Reader, Writer};
+use crate::security::Security;
 use crate::{PlayerError, Qos};
 
 /// How long a wait may go without a look at the program and at who may cancel.
@@ -38,6 +39,7 @@ pub struct SubscriptionId(pub(crate) u16);
 /// 1.5 s; messages that were not published by then are lost ([`flush`](Player::flush) first).
 pub struct Player {
     pub(crate) program: Program,
+    security: Option<Security>,
     control: Control,
     pub(crate) memory: Memory,
     out: Mutex<Writer>,
@@ -66,6 +68,7 @@ impl Player {
         send_file(&near, &memory)?;
         let player = Player {
             program: Program::start(options, far.into())?,
+            security: Security::of(options),
             control: Control::new(near, options.deadline),
             memory,
             out: Mutex::new(Writer::new(Which::Out)),
@@ -266,7 +269,13 @@ impl Player {
         let mut answer = self.control.call(what, &self.program, request)?;
         match answer.number()? {
             STATUS_DONE => Ok(answer),
-            other => Err(failure(other, &mut answer, about.unwrap_or_default())?),
+            other => {
+                let error = failure(other, &mut answer, about.unwrap_or_default())?;
+                Err(match &self.security {
+                    Some(security) => security.explain(error, what, &self.program),
+                    None => error,
+                })
+            }
         }
     }
 

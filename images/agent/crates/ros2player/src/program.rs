@@ -19,6 +19,8 @@ const LINE_BYTES: u64 = 500;
 /// How long its end and its last lines are waited for once its socket is closed, which takes a while
 /// on a busy machine: others may have its standard error.
 const LAST_LINES: Duration = Duration::from_secs(2);
+/// A program that runs on has written all when nothing more comes for so long.
+const QUIET: Duration = Duration::from_millis(50);
 /// How long it may take to end by itself after SIGTERM, and then after SIGKILL.
 const GRACE: Duration = Duration::from_millis(1500);
 const KILLED: Duration = Duration::from_secs(5);
@@ -42,6 +44,8 @@ struct State {
     /// Nothing more comes on its standard error.
     closed: bool,
     lines: VecDeque<String>,
+    /// How many lines there were.
+    read: u64,
 }
 
 impl Program {
@@ -86,6 +90,21 @@ impl Program {
         let state = self.shared.wait(until, over);
         let status = state.status.clone()?;
         Some(PlayerError::Ended { status, errors: state.lines.iter().cloned().collect() })
+    }
+
+    /// The last lines of its standard error, while it runs: waits a moment for those on their way.
+    pub(crate) fn lines(&self) -> Vec<String> {
+        let until = Instant::now() + LAST_LINES;
+        let mut state = self.shared.wait(until, |state| state.closed || state.read > 0);
+        loop {
+            let read = state.read;
+            drop(state);
+            let quiet = until.min(Instant::now() + QUIET);
+            state = self.shared.wait(quiet, |state| state.closed || state.read != read);
+            if state.closed || state.read == read || Instant::now() >= until {
+                return state.lines.iter().cloned().collect();
+            }
+        }
     }
 
     fn signal(&self, signal: Signal) {
@@ -148,6 +167,9 @@ impl Shared {
                 state.lines.pop_front();
             }
             state.lines.push_back(String::from_utf8_lossy(&line).trim_end().to_owned());
+            state.read += 1;
+            drop(state);
+            self.changed.notify_all();
         }
         lock(&self.state).closed = true;
         self.changed.notify_all();

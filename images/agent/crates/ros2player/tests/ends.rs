@@ -129,6 +129,39 @@ fn a_domain_without_a_place_is_a_sentence_that_names_the_limit() {
 }
 
 #[test]
+fn a_refusal_with_security_on_names_the_keys_the_domain_and_what_the_middleware_has_written() {
+    let graph = Graph::new();
+    let options = |more: &[(&str, &str)]| {
+        let mut environment = graph.environment();
+        let strict = [("ROS_SECURITY_ENABLE", "true"), ("ROS_SECURITY_STRATEGY", "Enforce")];
+        let all = strict.iter().chain(more);
+        environment.extend(all.map(|(name, value)| (name.into(), value.into())));
+        PlayerOptions { environment, ..graph.options() }
+    };
+    let keystore = ("ROS_SECURITY_KEYSTORE", "/keys");
+    let error = start_error(&options(&[keystore, ("ROS_DOMAIN_ID", "33")])).to_string();
+    let begin = "the ROS 2 player can't join the graph: rcl_node_init has failed with 1: error not";
+    assert!(error.starts_with(begin), "{error}");
+    assert!(error.contains("needs all keys in /keys/enclaves: the enclave / of ROS_"), "{error}");
+    assert!(error.contains("into domain 33, and to what is played and recorded"), "{error}");
+    let written = "; its last lines: Security was requested, and this DDS has none";
+    assert!(error.ends_with(written), "{error}");
+
+    let named = options(&[keystore, ("ROS_SECURITY_ENCLAVE_OVERRIDE", "/robot/player")]);
+    let error = start_error(&named).to_string();
+    assert!(error.contains("all keys in /keys/enclaves/robot/player: "), "{error}");
+    let error = start_error(&options(&[])).to_string();
+    assert!(error.contains("a folder that ROS_SECURITY_KEYSTORE does not name: "), "{error}");
+
+    // What is wrong without security is not laid to it.
+    let permissive = options(&[("ROS_SECURITY_STRATEGY", "Permissive")]);
+    let node = PlayerOptions { node: "1st player".into(), ..permissive.clone() };
+    let error = start_error(&node).to_string();
+    assert_eq!(error, "rcl_node_init has failed with 201: 1st player is no name of a node");
+    Player::start(&permissive).unwrap();
+}
+
+#[test]
 fn a_type_that_is_missing_names_its_package() {
     let graph = Graph::new();
     let player = graph.player();
