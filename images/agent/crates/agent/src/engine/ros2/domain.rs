@@ -8,7 +8,7 @@ use std::os::unix::net::{SocketAddr, UnixListener};
 use crate::case::failure::Failure;
 
 /// Domains whose ports are below those that the system gives away (REP 2, Linux): 0 to 101.
-const DOMAINS: u16 = 101;
+pub const DOMAINS: u16 = 101;
 
 /// Cyclone DDS has places for so many processes of a domain; on localhost ROS 2 from Iron on asks for
 /// 32, and what was before for 10. These are all whose ports lie in a domain's range.

@@ -11,17 +11,19 @@ use bagpipe_mcap::{Compression, WriterOptions};
 use bagpipe_ros2::QosOverride;
 use bagpipe_ros2ledger::Ledger;
 use bagpipe_ros2player::{Durability, Reliability};
+use bagpipe_wire::Abort;
 use rustix::process::Pid;
 
 use crate::case::failure::Failure;
 use crate::case::{self, Case};
-use crate::engine::nodes::host::{ChosenPlayer, Host, Occasion};
-use crate::engine::ros2::domain::{Domain, cyclone};
+use crate::engine::nodes::host::{ChosenPlayer, Ending, Host, Occasion, PlayerName};
+use crate::engine::ros2::domain::{DOMAINS, Domain, cyclone};
 use crate::engine::ros2::files::Files;
 use crate::engine::ros2::players::Players;
 use crate::engine::ros2::{environment, parameters, roll};
 use crate::engine::task::Task;
 use crate::stack::Variables;
+use crate::stack::end::StackEnd;
 use crate::stack::nodes::{Found, Known};
 
 /// A case's domain, and who counts in it.
@@ -63,6 +65,12 @@ impl<'a> Ros2Host<'a> {
         job.chain(own).filter(|(name, _)| !environment::is_ours(name)).collect()
     }
 
+    /// A variable of the job, or else of the container.
+    fn theirs(&self, name: &str) -> Option<OsString> {
+        let own = self.case.stack.environment.get(name).map(OsString::from);
+        own.or_else(|| std::env::var_os(name))
+    }
+
     /// The quality of service by the names that topics are played under.
     fn qos(&self) -> std::collections::BTreeMap<String, QosOverride> {
         let stack = &self.case.stack;
@@ -98,13 +106,29 @@ fn wanted(qos: &case::Qos) -> QosOverride {
     }
 }
 
+/// What a fault may come of where ROS 2's security is on; nothing if of something else.
+fn security(reason: &str, player: Option<PlayerName>, domain: u16) -> String {
+    match (reason, player) {
+        ("NeverSubscribed", Some(PlayerName::Dds)) => "; ROS_SECURITY_ENABLE is true, and the \
+            player on DDS has no security, so that it meets no secured node: let \
+            stack.ros2.player be rcl"
+            .to_owned(),
+        // Security itself is silent: who is not let in is as if not there.
+        ("NeverSubscribed", Some(PlayerName::Rcl)) => "; ROS_SECURITY_ENABLE is true: keys that \
+            are missing, of another authority, or without a permission keep the player apart"
+            .to_owned(),
+        // Before a player has met a node.
+        ("StackExited" | "StackCrashed", None) => format!(
+            "; ROS_SECURITY_ENABLE is true, and the case is in domain {domain}: governance and \
+             permissions must let nodes into the domains 1 to {DOMAINS}"
+        ),
+        _ => String::new(),
+    }
+}
+
 impl Host for Ros2Host<'_> {
     fn variables(&self) -> Variables {
-        let theirs = |name| {
-            let own = self.case.stack.environment.get(name).map(OsString::from);
-            own.or_else(|| std::env::var_os(name))
-        };
-        let preload = theirs("LD_PRELOAD");
+        let preload = self.theirs("LD_PRELOAD");
         let mut set = vec![
             ("ROS_DOMAIN_ID", self.domain.number.to_string().into()),
             // The first is Iron's and later ones', the second what was before.
@@ -112,7 +136,7 @@ impl Host for Ros2Host<'_> {
             ("ROS_LOCALHOST_ONLY", "1".into()),
             ("ROS_HOME", self.folder.clone().into()),
             ("ROS_LOG_DIR", self.folder.join("log").into()),
-            ("CYCLONEDDS_URI", cyclone(theirs("CYCLONEDDS_URI"))),
+            ("CYCLONEDDS_URI", cyclone(self.theirs("CYCLONEDDS_URI"))),
             ("BAGPIPE_PARAMETERS", self.parameter_file().into()),
         ];
         let preload = preload.as_deref().map(OsStr::new);
@@ -162,6 +186,18 @@ impl Host for Ros2Host<'_> {
 
     fn chosen_player(&self) -> Option<ChosenPlayer> {
         self.players.borrow().as_ref().and_then(|players| players.chosen().cloned())
+    }
+
+    fn explain(&self, abort: Abort, stack: Option<StackEnd>, _: Ending) -> Abort {
+        let mut abort = match stack {
+            Some(stack) => stack.explain(abort),
+            None => abort,
+        };
+        if self.theirs("ROS_SECURITY_ENABLE").is_some_and(|value| value == "true") {
+            let player = self.chosen_player().map(|chosen| chosen.name);
+            abort.message.push_str(&security(&abort.reason, player, self.domain.number));
+        }
+        abort
     }
 
     fn record_as(&self) -> Arc<dyn RecordingFormat> {
