@@ -45,7 +45,7 @@ endif
 LAPTOP := $(if $(filter demo first-verdict,$(MAKECMDGOALS)),laptop)
 
 # What needs all packages gets them first: a compiler may be among them, or be replaced.
-ALL_PACKAGES := test set-up test-rust test-integration test-together test-alone test-liars bench
+ALL_PACKAGES := test set-up test-rust test-integration test-liars bench
 
 # Each step's seconds, for the summary; who calls make several times gives one file to all, and sums up.
 ifndef BAGPIPE_STEPS
@@ -111,19 +111,18 @@ ifdef K
 test: preflight-all venv tools ## Set everything up, run all tests (K=resume: only those of that name)
 	$(STEP) "Testing $(K)" -- $(PYTEST) tests/unit tests/cluster tests/integration tests/liars -k "$(K)"
 else
-# What waits for sockets and nodes leaves a third of the processors to what computes. Whole jobs on the
-# cluster run beside nothing but each other.
+# What computes comes first. Of what waits for sockets and nodes two halves run beside each other; whole
+# jobs on the cluster run beside nothing but each other.
 test: set-up
-	@$(MAKE) test-at-once AND=tests/liars
-	@$(MAKE) test-alone
+	@$(MAKE) test-python
+	@$(MAKE) test-real-parts AND=tests/liars
 	@$(MAKE) test-e2e
 	$(SUMMARY)
 endif
 
-.PHONY: test-at-once
-test-at-once: AT_ITS_END := --output-at-its-end
-test-at-once: LEAST := nice -n 19
-test-at-once: test-python test-rust test-together
+.PHONY: test-real-parts
+test-real-parts: AT_ITS_END := --output-at-its-end
+test-real-parts: test-rust test-integration
 
 .PHONY: set-up
 set-up: preflight-all venv tools test-programs test-agent fastdds npm-packages recording images ## Build all that tests need, at once
@@ -160,7 +159,7 @@ kubernetes: machine
 
 .PHONY: test-python
 test-python: venv tools test-programs ## Run the Python unit tests (part of test)
-	$(STEP) "Testing the Python packages and the cluster's parts" $(AT_ITS_END) -- $(LEAST) $(PYTEST) $(BESIDE) tests/unit tests/cluster
+	$(STEP) "Testing the Python packages and the cluster's parts" -- $(PYTEST) $(BESIDE) tests/unit tests/cluster
 
 .PHONY: recording
 recording: preflight ## Fetch the real recording that the tests play
@@ -210,15 +209,8 @@ test-rust: recording test-agent fastdds npm-packages ## Run the agent's tests, a
 	$(STEP) "Testing the agent" $(AT_ITS_END) -- $(TEST_AGENT) --no-fail-fast
 
 .PHONY: test-integration
-test-integration: test-together ## Run worker, agent and real nodes together (part of test)
-	@$(MAKE) test-alone
-
-.PHONY: test-together
-test-together: preflight-all venv test-programs recording agent
+test-integration: preflight-all venv test-programs recording agent ## Run worker, agent and real nodes together (part of test)
 	$(STEP) "Testing worker, agent and real nodes" -- $(PYTEST) $(BESIDE_WAITING) -m "not alone and not slow" tests/integration $(AND)
-
-.PHONY: test-alone
-test-alone: preflight-all venv test-programs recording agent
 	$(STEP) "Testing what measures the machine" -- $(PYTEST) -m alone tests/integration
 
 # Not part of test: it needs a ROS 2, sourced or as an image, which is asked for before anything is
