@@ -4,7 +4,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use bagpipe_ros2ledger::{Endpoint, Kind, Ledger, LedgerError, ProcessId};
 
-use super::Owner;
+/// A node's name, and its process.
+pub(super) type Owner = (ProcessId, String);
 
 /// The ledger at a moment.
 pub(crate) struct Look {

@@ -11,7 +11,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
 use std::time::{Duration, Instant};
 
 use bagpipe_graph::{FarEnd, LinkState, PacedBy, Publication, TopicInfo};
-use bagpipe_ros2ledger::{Endpoint, Kind, Ledger, ProcessId};
+use bagpipe_ros2ledger::{Endpoint, Kind, Ledger};
 use bagpipe_ros2player::{Player, PublisherId, Qos};
 
 use crate::link::{Link, Totals};
@@ -19,6 +19,7 @@ use crate::qos::incompatible;
 pub(crate) use look::Look;
 
 use credit::Sent;
+use look::Owner;
 use subscribers::Absence;
 
 /// What all topics of a node share.
@@ -55,9 +56,6 @@ pub(crate) struct Topic {
     /// Nodes that publish it beside us, as the graph has them: some may not count.
     others: Mutex<BTreeSet<String>>,
 }
-
-/// A node's name, and its process.
-type Owner = (ProcessId, String);
 
 impl Topic {
     pub(crate) fn new(

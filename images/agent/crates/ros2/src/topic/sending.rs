@@ -9,7 +9,8 @@ use bagpipe_graph::{Cancelled, Outlet, PacedBy, SendError, Share};
 use bagpipe_ros2ledger::{Event, Ledger, LedgerError, Waited};
 use bagpipe_ros2player::PlayerError;
 
-use super::{Look, Topic};
+use super::Topic;
+use super::look::Look;
 use crate::link::Link;
 
 /// How often somebody who waits asks whether to give up.

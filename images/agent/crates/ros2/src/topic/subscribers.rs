@@ -8,8 +8,9 @@ use std::time::{Duration, Instant};
 use bagpipe_graph::{Cancelled, PacedBy, SendError};
 use bagpipe_ros2ledger::{Endpoint, Event, Kind, Ledger, LedgerError};
 
+use super::Topic;
+use super::look::{Look, Owner};
 use super::sending::failed;
-use super::{Look, Owner, Topic};
 use crate::link::{Link, Subscriptions, Totals};
 use crate::stillness::counted;
 
