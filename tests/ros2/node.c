@@ -127,6 +127,12 @@ static void renew(struct subscription *of) {
   subscribe(of, as->topic, message_type(as->package, as->folder, as->type), &as->qos);
 }
 
+/* As executors do whose threads have missed that messages wait. */
+static void doze(const struct subscription *of) {
+  bool dozes = asked.doze_every > 0 && of->taken <= 100 && of->taken % asked.doze_every == 0;
+  while (dozes && !ending && !standin_has_news(of->rmw)) sleep_us(200);
+}
+
 /* Takes a message, if there is one, and calls back. */
 static void execute(struct subscription *of) {
   bool taken = false;
@@ -145,6 +151,7 @@ static void execute(struct subscription *of) {
   }
   if (asked.renew_every > 0 && of->taken % asked.renew_every == 0) renew(of);
   TRACE(ros_trace_callback_end(callback));
+  doze(of);
 }
 
 /* Waits for one of the subscriptions that nobody has, and reserves it; NULL if there was none. */

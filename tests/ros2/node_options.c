@@ -22,6 +22,8 @@ static const char usage[] =
     "--answers N            each other one gets so many, in place of one\n"
     "--renew-every N        after each Nth message a subscription is destroyed and created again\n"
     "--apart-us N           how long it has none in between\n"
+    "--doze-every N         after each Nth of the first hundred messages of a topic no more are taken\n"
+    "                       until another one comes, whatever waits\n"
     "--die-after N          aborts in the callback of the Nth message of a topic\n"
     "--threads N            threads that take and call\n"
     "--meets-late-ms N      what it publishes so soon after it created a publisher reaches nobody, as\n"
@@ -97,6 +99,7 @@ static void value(const char *option, const char *text) {
   else if (!strcmp(option, "--answers")) asked.answers = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--renew-every")) asked.renew_every = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--apart-us")) asked.apart_us = strtoull(text, NULL, 10);
+  else if (!strcmp(option, "--doze-every")) asked.doze_every = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--die-after")) asked.die_after = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--burst")) asked.burst = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--every-us")) asked.every_us = strtoull(text, NULL, 10);
@@ -125,6 +128,7 @@ void read_arguments(int argc, char **argv) {
     }
   }
   if (asked.threads < 1 || asked.threads > MOST) refuse("no number of threads", "--threads");
+  if (asked.doze_every > 0 && standin_has_news == NULL) refuse("no way to know what comes", "--doze-every");
   /* Another thread may wait for the subscription that is destroyed. */
   if (asked.renew_every > 0 && (asked.threads > 1 || asked.sim_time))
     refuse("one thread renews alone", "--renew-every");

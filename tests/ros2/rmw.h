@@ -159,6 +159,8 @@ int rmw_publish_loaned_message(const struct rmw_endpoint *publisher, void *messa
                                void *allocation);
 
 int rmw_take(const struct rmw_endpoint *subscription, void *message, bool *taken, void *allocation);
+/* Whether a message has come since the last take, which is not taken; over Cyclone DDS alone. */
+__attribute__((weak)) bool standin_has_news(const struct rmw_endpoint *subscription);
 int rmw_take_with_info(const struct rmw_endpoint *subscription, void *message, bool *taken,
                        struct rmw_info *info, void *allocation);
 int rmw_take_serialized_message(const struct rmw_endpoint *subscription, struct serialized *,

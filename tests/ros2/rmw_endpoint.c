@@ -210,6 +210,12 @@ static uint8_t *grow_serialized(void *into, size_t length) {
   return message->buffer;
 }
 
+bool standin_has_news(const struct rmw_endpoint *subscription) {
+  uint32_t status = 0;
+  dds_entity_t reader = ((const struct endpoint *)subscription->data)->entity;
+  return dds_read_status(reader, &status, DDS_DATA_AVAILABLE_STATUS) == DDS_RETCODE_OK && status != 0;
+}
+
 int rmw_take_with_info(const struct rmw_endpoint *subscription, void *message, bool *taken,
                        struct rmw_info *info, void *allocation) {
   (void)allocation;

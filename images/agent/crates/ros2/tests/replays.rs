@@ -97,6 +97,20 @@ fn a_slow_node_wakes_the_agent_once_for_each_half_of_its_queue() {
     assert!((100..=250).contains(&wakes), "{wakes}");
 }
 
+/// Over Fast DDS threads of a real executor miss that messages wait, and sleep until another one comes.
+#[test]
+fn a_node_that_takes_no_more_until_another_one_comes_gets_it_where_it_has_room() {
+    let scene = Scene::new();
+    let dozing = [
+        ["--name", "/dozing", "--sub", "/in:sensor_msgs/msg/Imu:10:reliable"],
+        ["--delay-us", "300", "--doze-every", "7"],
+    ];
+    let _dozing = scene.start("standin_node", dozing.as_flattened());
+    scene.await_subscriptions(1);
+    let replayed = scene.play(&recording(&["/in"], 200, 100), &Ask::default()).unwrap();
+    assert_eq!((replayed.ledger.received, replayed.ledger.dropped), (200, 0));
+}
+
 #[test]
 fn messages_of_a_mebibyte_arrive_one_after_the_other() {
     let scene = Scene::new();

@@ -18,18 +18,24 @@ const ASK: Duration = Duration::from_millis(20);
 /// How long a node without tracepoints may take to come back for more, after it has taken all: of
 /// several threads some never show it.
 const COMES_BACK: Duration = Duration::from_millis(100);
+/// How long half of a queue is waited for where there is room: no longer than a wait goes without a
+/// look at the counts.
+const HALF: Duration = Duration::from_millis(20);
 
 impl Topic {
     /// Waits until there is room for a message of so many bytes at each subscriber; at one that has
-    /// none, until it has taken half of what waits, so that it wakes us once for many messages.
+    /// none, until it has taken half of what waits, so that it wakes us once for many messages. One
+    /// that takes some and then no more for a while gets the next one all the same: threads of an
+    /// executor may all sleep although messages wait, until another one comes.
     fn await_room(&self, bytes: u64, cancelled: Cancelled<'_>) -> Result<(), SendError> {
         loop {
+            let begun = Instant::now();
             let mut full: BTreeMap<u64, u64> = BTreeMap::new();
             let room = |link: &Link, ledger: &Ledger| {
                 let waiting = link.waiting(ledger)?;
                 let room = self.sent().has_room(waiting, link.depth(), bytes);
                 if let Some(half) = full.get(&link.id()) {
-                    return Ok(room && waiting <= *half);
+                    return Ok(room && (waiting <= *half || begun.elapsed() >= HALF));
                 }
                 if !room {
                     full.insert(link.id(), waiting / 2);
