@@ -6,7 +6,8 @@ use std::process::{Command, ExitCode};
 /// What both have.
 const SHARED: [&str; 7] =
     ["answer.c", "control.c", "main.c", "publish.c", "ring.c", "take.c", "threads.c"];
-const RCL: [&str; 7] = [
+const RCL: [&str; 8] = [
+    "rcl/batch.c",
     "rcl/endpoints.c",
     "rcl/graph.c",
     "rcl/join.c",
@@ -37,8 +38,10 @@ const FLAGS: [&str; 9] = [
 ];
 // glibc before 2.34 has dlopen in libdl and pthread_create in libpthread, of which newer ones keep
 // empty ones: named by their files, since they have no link to them for compilers.
-const RCL_FLAGS: [&str; 7] = [
+const RCL_FLAGS: [&str; 8] = [
     "-pie",
+    // For batch.c, whose function libraries are to find.
+    "-Wl,--export-dynamic-symbol=dds_create_writer",
     "-include",
     "player/rcl/old_glibc.h",
     "-Wl,-z,defs,-z,relro,-z,now,--no-as-needed",

@@ -40,8 +40,10 @@ void middleware_graph(struct answer *into);
 
 bool publisher_make(const struct wanted *wanted, struct answer *into);
 bool publisher_count(uint32_t slot, uint64_t *matched, struct answer *into);
-/* False, with the reason, if the message is refused. */
-bool publisher_send(uint32_t slot, const uint8_t *bytes, size_t length, char reason[REASON_MOST]);
+/* Where `more` of this publisher's follow at once, the message may be kept back until the last of them
+ * has been sent: a datagram takes several. False, with the reason, if it is refused. */
+bool publisher_send(uint32_t slot, const uint8_t *bytes, size_t length, bool more,
+                    char reason[REASON_MOST]);
 void publisher_unmake(uint32_t slot);
 
 bool subscription_make(const struct wanted *wanted, struct answer *into);

@@ -47,7 +47,7 @@ static void publish(const struct player_record *record, const uint8_t *bytes) {
   uint32_t slot = record->endpoint;
   if (slot >= PLAYER_ENDPOINTS || !atomic_load(&live[slot])) return;
   char reason[REASON_MOST] = "";
-  if (publisher_send(slot, bytes, record->length, reason))
+  if (publisher_send(slot, bytes, record->length, out_follows(record->endpoint), reason))
     atomic_fetch_add(&memory->publisher[slot].published, 1);
   else
     refuse(slot, reason);

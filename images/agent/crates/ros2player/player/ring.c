@@ -87,6 +87,14 @@ const struct player_record *out_next(const uint8_t **bytes) {
   }
 }
 
+bool out_follows(uint16_t endpoint) {
+  struct player_record record;
+  uint64_t behind = out_tail + out_length;
+  if (atomic_load(&memory->out.head) - behind < sizeof record) return false;
+  memcpy(&record, at(0, behind), sizeof record);
+  return record.kind == RECORD_MESSAGE && record.endpoint == endpoint;
+}
+
 void out_done(void) {
   struct player_ring *out = &memory->out;
   out_tail += out_length;

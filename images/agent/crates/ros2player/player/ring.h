@@ -16,6 +16,9 @@ const char *ring_open(int file);
  * NULL at the end, or where what stands there can't be. */
 const struct player_record *out_next(const uint8_t **bytes);
 
+/* Whether a message of this endpoint stands right behind what `out_next` returned. */
+bool out_follows(uint16_t endpoint);
+
 /* Gives the room of what `out_next` returned back. */
 void out_done(void);
 

@@ -46,6 +46,7 @@ bool publisher_make(const struct wanted *wanted, struct answer *into) {
   dds_entity_t topic = topic_of(wanted, &made->type);
   if (topic < 0) return answer_dds(into, "dds_create_topic_sertype", topic);
   dds_qos_t *qos = qos_of(&wanted->qos);
+  dds_qset_writer_batching(qos, true);
   made->entity = dds_create_writer(participant, topic, qos, NULL);
   dds_delete_qos(qos);
   return made->entity >= 0 || answer_dds(into, "dds_create_writer", made->entity);
@@ -59,14 +60,23 @@ bool publisher_count(uint32_t slot, uint64_t *matched, struct answer *into) {
   return true;
 }
 
-bool publisher_send(uint32_t slot, const uint8_t *bytes, size_t length, char reason[REASON_MOST]) {
+static bool write(const struct endpoint *to, const uint8_t *bytes, size_t length,
+                  char reason[REASON_MOST]) {
   if (length < 4) { /* what says how the rest is encoded */
     snprintf(reason, REASON_MOST, "%zu bytes are no serialised message", length);
     return false;
   }
-  dds_return_t failed = blob_write(publishers[slot].entity, publishers[slot].type, bytes, length);
+  dds_return_t failed = blob_write(to->entity, to->type, bytes, length);
   if (failed < 0) snprintf(reason, REASON_MOST, "dds_forwardcdr: %s", dds_strretcode(failed));
   return failed >= 0;
+}
+
+bool publisher_send(uint32_t slot, const uint8_t *bytes, size_t length, bool more,
+                    char reason[REASON_MOST]) {
+  bool taken = write(&publishers[slot], bytes, length, reason);
+  /* Also of those before it, if this one is refused. */
+  if (!more) dds_write_flush(publishers[slot].entity);
+  return taken;
 }
 
 void publisher_unmake(uint32_t slot) { dds_delete(publishers[slot].entity); }

@@ -25,7 +25,9 @@ bool publisher_make(const struct wanted *wanted, struct answer *into) {
   struct blob options = rcl.rcl_publisher_get_default_options();
   qos_into(&options, &wanted->qos);
   memset(made, 0, sizeof *made);
+  batch_begin();
   int failed = rcl.rcl_publisher_init(made, &node, type, wanted->topic, &options);
+  batch_end(wanted->slot, !failed);
   if (failed) answer_rcl(into, "rcl_publisher_init", failed);
   return !failed;
 }
@@ -38,12 +40,15 @@ bool publisher_count(uint32_t slot, uint64_t *matched, struct answer *into) {
   return !failed;
 }
 
-bool publisher_send(uint32_t slot, const uint8_t *bytes, size_t length, char reason[REASON_MOST]) {
+bool publisher_send(uint32_t slot, const uint8_t *bytes, size_t length, bool more,
+                    char reason[REASON_MOST]) {
   struct serialized message = {(uint8_t *)bytes, length, length,
                                rcl.rcutils_get_default_allocator()};
-  if (rcl.rcl_publish_serialized_message(&publishers[slot], &message, NULL) == RCL_OK) return true;
-  rcl_reason(reason, REASON_MOST);
-  return false;
+  int failed = rcl.rcl_publish_serialized_message(&publishers[slot], &message, NULL);
+  if (failed) rcl_reason(reason, REASON_MOST);
+  /* Also of those before it, if this one is refused. */
+  if (!more) batch_send(slot);
+  return !failed;
 }
 
 void publisher_unmake(uint32_t slot) { (void)!rcl.rcl_publisher_fini(&publishers[slot], &node); }

@@ -8,6 +8,8 @@
 #else
 #error "which versions of these do old C libraries of this processor have?"
 #endif
+OLD_NAME(dladdr);
+OLD_NAME(dlclose);
 OLD_NAME(dlopen);
 OLD_NAME(dlsym);
 OLD_NAME(dlerror);

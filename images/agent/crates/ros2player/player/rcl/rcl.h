@@ -127,6 +127,12 @@ void take_unprepare(void);
 /* states.c: its clients leave before the node does. */
 void states_leave(void);
 
+/* batch.c: the beginning and the end of the making of a publisher, which may keep messages back from
+ * then on; and the sending of what it keeps. */
+void batch_begin(void);
+void batch_end(uint32_t slot, bool made);
+void batch_send(uint32_t slot);
+
 /* endpoints.c */
 const void *subscription_handle(uint32_t slot);
 

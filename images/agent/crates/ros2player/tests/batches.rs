@@ -1,0 +1,94 @@
+//! Messages that wait for the middleware go out several in a datagram, and never past those of another
+//! topic: by what Cyclone DDS itself writes down of its datagrams.
+#![allow(clippy::unwrap_used)]
+
+mod standin;
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::Instant;
+
+use bagpipe_ros2player::{Player, PlayerOptions, Qos, Reliability};
+use standin::{ALL, Graph, LONG, message, publish, threads_are, with_each_player};
+
+/// Without heartbeats, which send what is kept back now and then.
+const NO_HEARTBEATS: Qos = Qos { reliability: Reliability::BestEffort, ..ALL };
+
+/// A player whose Cyclone DDS writes to a file what it sends.
+fn traced(graph: &Graph, file: &Path) -> Player {
+    let PlayerOptions { mut environment, .. } = graph.options();
+    let own = environment.iter().rev().find(|(name, _)| name == "CYCLONEDDS_URI").unwrap();
+    let settings = format!(
+        "{},<CycloneDDS><Domain><Tracing><Category>trace</Category><OutputFile>{}</OutputFile>\
+         </Tracing></Domain></CycloneDDS>",
+        own.1.to_str().unwrap(),
+        file.display()
+    );
+    environment.push(("CYCLONEDDS_URI".into(), settings.into()));
+    Player::start(&PlayerOptions { environment, ..graph.options() }).unwrap()
+}
+
+/// The datagrams with messages that the thread sent which publishes, each as the writers of its
+/// messages, in their order.
+fn datagrams(trace: &str) -> Vec<Vec<&str>> {
+    let mut all = vec![Vec::new()];
+    for line in trace.lines() {
+        // A time, the domain, a thread's name and what it does.
+        let Some((head, what)) = line.split_once(": ") else { continue };
+        if !head.ends_with("player") && !head.ends_with("player-dds") {
+            continue;
+        }
+        if let Some((_, message)) = what.split_once("(data(") {
+            let (writer, _) = message.split_once(":#").unwrap();
+            all.last_mut().unwrap().push(writer);
+        } else if what.contains("xpack_send") && all.last().is_some_and(|last| !last.is_empty()) {
+            all.push(Vec::new());
+        }
+    }
+    assert_eq!(all.pop(), Some(vec![]), "something was kept back");
+    all
+}
+
+fn signal(player: &Player, name: &str) {
+    let pid = player.pid().to_string();
+    assert!(Command::new("kill").args(["-s", name, &pid]).status().unwrap().success());
+}
+
+#[test]
+fn what_waits_goes_out_together_and_not_past_another_topic() {
+    with_each_player(|graph| {
+        let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR"));
+        let file = folder.join(format!("trace-{}", std::process::id()));
+        let _old = std::fs::remove_file(&file);
+        let topics =
+            ["/in", "/other"].map(|topic| format!("{topic}:std_msgs/msg/String:100:best_effort"));
+        let node = graph.node(&["--name", "/sink", "--sub", &topics[0], "--sub", &topics[1]]);
+        let player = traced(&graph, &file);
+        let [one, other] = ["/in", "/other"]
+            .map(|topic| player.advertise(topic, "std_msgs/String", &NO_HEARTBEATS).unwrap());
+        let reader = graph.met("/in", &player, one);
+        let other_reader = graph.met("/other", &player, other);
+        // All of it stands in the ring before any goes out.
+        signal(&player, "STOP");
+        standin::eventually(|| threads_are(player.pid(), 'T'));
+        let order = [(one, 10), (other, 1), (one, 1), (other, 3), (one, 2)];
+        let all = order.iter().flat_map(|(to, count)| std::iter::repeat_n(*to, *count));
+        for (number, to) in all.enumerate() {
+            publish(&player, to, &message(number as u64, 1000)).unwrap();
+        }
+        signal(&player, "CONT");
+        assert!(player.flush(Instant::now() + LONG).unwrap());
+        assert_eq!((player.published(one), player.published(other)), (13, 4));
+        let counts =
+            |reader: &bagpipe_ros2ledger::Endpoint| graph.ledger.counts(reader.id).unwrap();
+        standin::eventually(|| (counts(&reader).ended, counts(&other_reader).ended) == (13, 4));
+        assert!(node.end());
+        drop(player);
+        let text = std::fs::read_to_string(&file).unwrap();
+        let sent = datagrams(&text);
+        let lengths: Vec<usize> = sent.iter().map(Vec::len).collect();
+        assert_eq!(lengths, order.map(|(_, count)| count), "{sent:?}");
+        assert!(sent.iter().all(|writers| writers.iter().all(|writer| *writer == writers[0])));
+        std::fs::remove_file(&file).unwrap();
+    });
+}
