@@ -65,6 +65,7 @@ pub use options::PlayerOptions;
 pub use player::{Player, PublisherId, SubscriptionId};
 pub use qos::{Durability, History, Qos, Reliability};
 pub use receive::Received;
+pub use ring::Staged;
 pub use state::Asked;
 
 /// The program: an ELF file of some 30 KiB for this processor and any glibc from 2.17 on, to be written

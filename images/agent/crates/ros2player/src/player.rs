@@ -18,7 +18,7 @@ use crate::memory::{Memory, Which};
 use crate::options::PlayerOptions;
 use crate::program::{Program, lock};
 use crate::qos::Datatype;
-use crate::ring::{self, Reader, Writer};
+use crate::ring::{self, Reader, Staged, Writer};
 use crate::security::Security;
 use crate::{PlayerError, Qos};
 
@@ -118,15 +118,7 @@ impl Player {
         cancelled: &mut dyn FnMut() -> bool,
     ) -> Result<(), PlayerError> {
         self.check()?;
-        known(&self.publishers, publisher.0)?;
-        let length: usize = parts.iter().map(|part| part.len()).sum();
-        let most = ring::most(self.memory.room());
-        if length > most {
-            let (length, most) = (length as u64, most as u64);
-            return Err(PlayerError::TooLarge { topic: self.topic(publisher)?, length, most });
-        }
-        let record =
-            Record { length: length as u32, endpoint: publisher.0, kind: RECORD_MESSAGE, stamp: 0 };
+        let record = self.record(publisher, parts)?;
         let write = || lock(&self.out).write(&self.memory, record, parts);
         let mut written = write()?;
         while !written {
@@ -143,6 +135,42 @@ impl Player {
             ring::sleep_for_room(&self.memory, Which::Out, LOOK, attempt)?;
         }
         Ok(())
+    }
+
+    /// Copies a message to where the program finds it once it is [released](Player::release), so that
+    /// this takes no time then. `None` where there is no room now.
+    ///
+    /// # Errors
+    /// As [`publish`](Player::publish).
+    pub fn stage(
+        &self,
+        publisher: PublisherId,
+        parts: &[&[u8]],
+    ) -> Result<Option<Staged>, PlayerError> {
+        let record = self.record(publisher, parts)?;
+        lock(&self.out).stage(&self.memory, record, parts)
+    }
+
+    /// Hands over what was staged, as [`publish`](Player::publish) does; false if something else was
+    /// staged or published since, so that it is to be published.
+    ///
+    /// # Errors
+    /// The program has ended, or earlier messages were [`Refused`](PlayerError::Refused).
+    pub fn release(&self, staged: Staged) -> Result<bool, PlayerError> {
+        self.check()?;
+        Ok(lock(&self.out).release(&self.memory, staged))
+    }
+
+    /// The head of a message, which fits.
+    fn record(&self, publisher: PublisherId, parts: &[&[u8]]) -> Result<Record, PlayerError> {
+        known(&self.publishers, publisher.0)?;
+        let length: usize = parts.iter().map(|part| part.len()).sum();
+        let most = ring::most(self.memory.room());
+        if length > most {
+            let (length, most) = (length as u64, most as u64);
+            return Err(PlayerError::TooLarge { topic: self.topic(publisher)?, length, most });
+        }
+        Ok(Record { length: length as u32, endpoint: publisher.0, kind: RECORD_MESSAGE, stamp: 0 })
     }
 
     /// How many messages of it the middleware has taken. One may be received before it is counted

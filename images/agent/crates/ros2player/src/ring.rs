@@ -24,6 +24,16 @@ pub(crate) fn most(room: usize) -> usize {
 pub(crate) struct Writer {
     which: Which,
     head: u64,
+    /// How often something was staged, and what of it stands there still.
+    stagings: u64,
+    staged: Option<Staged>,
+}
+
+/// A record that stands behind all that the reader may read, until it is released or written over.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Staged {
+    number: u64,
+    end: u64,
 }
 
 /// The side that reads.
@@ -36,7 +46,7 @@ pub(crate) struct Reader {
 
 impl Writer {
     pub(crate) fn new(which: Which) -> Writer {
-        Writer { which, head: 0 }
+        Writer { which, head: 0, stagings: 0, staged: None }
     }
 
     /// Puts a record into the ring, whose bytes are `parts`; false if there is no room by now.
@@ -47,11 +57,24 @@ impl Writer {
         record: Record,
         parts: &[&[u8]],
     ) -> Result<bool, PlayerError> {
+        let staged = self.stage(memory, record, parts)?;
+        Ok(staged.is_some_and(|staged| self.release(memory, staged)))
+    }
+
+    /// The same, but the reader learns of it by [`release`](Writer::release) only: what is staged or
+    /// written meanwhile takes its place.
+    pub(crate) fn stage(
+        &mut self,
+        memory: &Memory,
+        record: Record,
+        parts: &[&[u8]],
+    ) -> Result<Option<Staged>, PlayerError> {
+        self.staged = None;
         let whole = HEAD + u64::from(record.length).next_multiple_of(ALIGNMENT);
         let behind = memory.room() as u64 - (self.head & (memory.room() as u64 - 1));
         let padding = if whole > behind { behind } else { 0 };
         if self.waiting(memory)? + padding + whole > memory.room() as u64 {
-            return Ok(false);
+            return Ok(None);
         }
         if padding > 0 {
             let length = (padding - HEAD) as u32;
@@ -65,11 +88,22 @@ impl Writer {
             memory.fill(self.which, at, part);
             at += part.len() as u64;
         }
-        self.head = start + whole;
+        self.stagings += 1;
+        self.staged = Some(Staged { number: self.stagings, end: start + whole });
+        Ok(self.staged)
+    }
+
+    /// Lets the reader have what was staged; false if something else took its place.
+    pub(crate) fn release(&mut self, memory: &Memory, staged: Staged) -> bool {
+        if self.staged != Some(staged) {
+            return false;
+        }
+        self.staged = None;
+        self.head = staged.end;
         let ring = memory.ring(self.which);
         ring.head.store(self.head, SeqCst);
         wake(&ring.reader_sleeps);
-        Ok(true)
+        true
     }
 
     /// Bytes that were ever written.
@@ -311,6 +345,32 @@ mod tests {
         assert!(writer.write(&memory, record(half.len(), 3), &[&half]).unwrap());
         assert!(reader.look(&memory).unwrap());
         assert_eq!(reader.next(&memory).unwrap().unwrap().0.stamp, 3);
+    }
+
+    #[test]
+    fn what_is_staged_is_read_once_released_unless_something_took_its_place() {
+        let memory = Memory::new(ROOM).unwrap();
+        let (mut writer, mut reader) = (Writer::new(Which::Out), Reader::new(Which::Out));
+        let stage = |writer: &mut Writer, stamp| {
+            writer.stage(&memory, record(8, stamp), &[b"1234", b"5678"]).unwrap().unwrap()
+        };
+        let replaced = stage(&mut writer, 1);
+        let staged = stage(&mut writer, 2);
+        assert!(!reader.look(&memory).unwrap() && writer.written() == 0);
+        assert!(!writer.release(&memory, replaced));
+        assert!(writer.release(&memory, staged) && !writer.release(&memory, staged));
+        let overtaken = stage(&mut writer, 3);
+        assert!(writer.write(&memory, record(3, 4), &[b"abc"]).unwrap());
+        assert!(!writer.release(&memory, overtaken));
+        assert!(reader.look(&memory).unwrap());
+        for (expected, bytes) in [(record(8, 2), &b"12345678"[..]), (record(3, 4), b"abc")] {
+            assert_eq!(reader.next(&memory).unwrap(), Some((expected, bytes)));
+            reader.done(&memory, expected);
+        }
+        assert_eq!(reader.next(&memory).unwrap(), None);
+        let half = vec![0; most(ROOM)];
+        assert!(writer.write(&memory, record(half.len(), 5), &[&half]).unwrap());
+        assert!(writer.stage(&memory, record(half.len(), 6), &[&half]).unwrap().is_none());
     }
 
     /// The place and the sentence of what a reader refuses.

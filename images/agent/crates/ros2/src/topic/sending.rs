@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use bagpipe_graph::{Cancelled, Outlet, PacedBy, SendError, Share};
 use bagpipe_ros2ledger::{Event, Ledger, LedgerError, Waited};
-use bagpipe_ros2player::PlayerError;
+use bagpipe_ros2player::{PlayerError, Staged};
 
 use super::Topic;
 use super::look::Look;
@@ -21,6 +21,8 @@ const COMES_BACK: Duration = Duration::from_millis(100);
 /// How long half of a queue is waited for where there is room: no longer than a wait goes without a
 /// look at the counts.
 const HALF: Duration = Duration::from_millis(20);
+/// Bytes of a message whose copy takes longer than to ask for it beforehand.
+const LARGE: usize = 64 << 10;
 
 impl Topic {
     /// Waits until there is room for a message of so many bytes at each subscriber; at one that has
@@ -70,10 +72,28 @@ impl Topic {
         }
     }
 
+    /// Sends a message as soon as there is room for it. A large one is copied before, so that its copy
+    /// is none of the time in which nothing is under way.
+    fn publish_paced(
+        &self,
+        share: Share,
+        message: &[u8],
+        cancelled: Cancelled<'_>,
+    ) -> Result<(), SendError> {
+        let staged = match message.len() >= LARGE {
+            true => self.means.player.stage(self.publisher, &[message]),
+            false => Ok(None),
+        };
+        let staged = staged.map_err(|error| failed(&error))?;
+        self.await_room(message.len() as u64, cancelled)?;
+        self.publish(share, message, staged, cancelled)
+    }
+
     fn publish(
         &self,
         share: Share,
         message: &[u8],
+        staged: Option<Staged>,
         cancelled: Cancelled<'_>,
     ) -> Result<(), SendError> {
         {
@@ -87,7 +107,13 @@ impl Topic {
         if share == Share::Counted && self.means.watching.swap(false, Ordering::Relaxed) {
             self.means.ledger.watch_matches(false);
         }
-        match self.means.player.publish(self.publisher, &[message], cancelled) {
+        let player = &self.means.player;
+        let released = staged.map_or(Ok(false), |staged| player.release(staged));
+        let publish = |released| match released {
+            true => Ok(()),
+            false => player.publish(self.publisher, &[message], cancelled),
+        };
+        match released.and_then(publish) {
             Ok(()) => Ok(()),
             Err(PlayerError::Cancelled) => Err(SendError::Cancelled),
             Err(error) => Err(failed(&error)),
@@ -169,11 +195,14 @@ impl Outlet for Topic {
                 return Err(SendError::Failed { reason: "BagUnreadable", what: why.to_owned() });
             }
             match (self.means.paced_by, share) {
-                (PacedBy::Subscribers, _) => self.await_room(message.len() as u64, cancelled)?,
+                (PacedBy::Subscribers, _) => {
+                    self.publish_paced(share, message, cancelled)?;
+                    continue;
+                }
                 (PacedBy::Schedule, Share::LeadIn) => self.await_first(message, cancelled)?,
                 (PacedBy::Schedule, Share::Counted) => {}
             }
-            self.publish(share, message, cancelled)?;
+            self.publish(share, message, None, cancelled)?;
         }
         Ok(())
     }
