@@ -119,7 +119,10 @@ def play_theirs(bench: Bench) -> Delivery:
     """As fast as their player goes."""
     output = bench.bash(_PLAY)
     assert (bench.folder / "report").exists(), output
-    return _reported(bench)
+    delivery = _reported(bench)
+    # One that can't publish at all loses nothing that could be compared.
+    assert delivery.messages > 0, output
+    return delivery
 
 
 def _sending(rate: int) -> tuple[str, ...]:
@@ -145,6 +148,7 @@ def record_theirs(bench: Bench, rate: int) -> int:
     assert about.exists(), output
     count = yaml.safe_load(about.read_text())["rosbag2_bagfile_information"]["message_count"]
     shutil.rmtree(about.parent)
+    assert int(count) > 0, output
     return 2 * rate - int(count)
 
 
