@@ -12,7 +12,11 @@ from pathlib import Path
 
 import pytest
 
+from bagpipe.plan.case import Case
+from bagpipe.run import case_run
+from bagpipe.run.case_run import RunContext, case_map
 from bagpipe.run.master_ports import master_ports
+from bagpipe.wire.hello_case import HelloCase
 from tests import ros2_standin
 from tests.agent_binary import built
 
@@ -122,3 +126,15 @@ def _is_agent(pid: int) -> bool:
         return b"bagpipe-agent" in Path(f"/proc/{pid}/cmdline").read_bytes()
     except OSError:
         return True
+
+
+@pytest.fixture
+def soon_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Cases of which the first node is waited for 2 s in place of 30."""
+
+    def described(case: Case, context: RunContext) -> HelloCase:
+        hello = case_map(case, context)
+        hello["deadlines"]["start"] = 2.0
+        return hello
+
+    monkeypatch.setattr(case_run, "case_map", described)

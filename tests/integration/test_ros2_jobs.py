@@ -137,6 +137,7 @@ def test_a_node_that_aborts_has_crashed(
     assert (row["outcome"], row["reason"]) == ("failed", "StackCrashed"), row
 
 
+@pytest.mark.usefixtures("soon_given_up")
 def test_without_ros_2_a_sentence_names_what_to_do(
     folders: dict[str, str], start_agent: Callable[..., RunningAgent]
 ) -> None:

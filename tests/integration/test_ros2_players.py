@@ -101,6 +101,7 @@ def test_without_librcl_dds_plays_and_proves_nothing_unless_the_job_allows_it(
     assert row["result"]["ledger"]["strength"] == "sent"
 
 
+@pytest.mark.usefixtures("soon_given_up")
 def test_who_asks_for_librcl_gets_no_other_player(
     folders: dict[str, str], standin: Path, start_agent: Callable[..., RunningAgent]
 ) -> None:
