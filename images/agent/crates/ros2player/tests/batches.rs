@@ -28,8 +28,8 @@ fn traced(graph: &Graph, file: &Path) -> Player {
     Player::start(&PlayerOptions { environment, ..graph.options() }).unwrap()
 }
 
-/// The datagrams with messages that the thread sent which publishes, each as the writers of its
-/// messages, in their order.
+/// The datagrams with messages that the thread sent which publishes, each as what of each message's
+/// writer collects them, in their order.
 fn datagrams(trace: &str) -> Vec<Vec<&str>> {
     let mut all = vec![Vec::new()];
     for line in trace.lines() {
@@ -38,9 +38,9 @@ fn datagrams(trace: &str) -> Vec<Vec<&str>> {
         if !head.ends_with("player") && !head.ends_with("player-dds") {
             continue;
         }
-        if let Some((_, message)) = what.split_once("(data(") {
-            let (writer, _) = message.split_once(":#").unwrap();
-            all.last_mut().unwrap().push(writer);
+        if let Some(message) = what.strip_prefix("xpack_addmsg ").filter(|it| it.contains("(data("))
+        {
+            all.last_mut().unwrap().push(message.split_once(' ').unwrap().0);
         } else if what.contains("xpack_send") && all.last().is_some_and(|last| !last.is_empty()) {
             all.push(Vec::new());
         }
@@ -82,13 +82,15 @@ fn what_waits_goes_out_together_and_not_past_another_topic() {
         let counts =
             |reader: &bagpipe_ros2ledger::Endpoint| graph.ledger.counts(reader.id).unwrap();
         standin::eventually(|| (counts(&reader).ended, counts(&other_reader).ended) == (13, 4));
-        assert!(node.end());
-        drop(player);
+        // A player that leaves sends that it does.
         let text = std::fs::read_to_string(&file).unwrap();
+        drop(player);
+        assert!(node.end());
         let sent = datagrams(&text);
         let lengths: Vec<usize> = sent.iter().map(Vec::len).collect();
         assert_eq!(lengths, order.map(|(_, count)| count), "{sent:?}");
         assert!(sent.iter().all(|writers| writers.iter().all(|writer| *writer == writers[0])));
+        assert!(sent.windows(2).all(|two| two[0][0] != two[1][0]), "{sent:?}");
         std::fs::remove_file(&file).unwrap();
     });
 }
