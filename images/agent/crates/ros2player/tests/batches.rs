@@ -4,6 +4,7 @@
 
 mod standin;
 
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Instant;
@@ -93,4 +94,65 @@ fn what_waits_goes_out_together_and_not_past_another_topic() {
         assert!(sent.windows(2).all(|two| two[0][0] != two[1][0]), "{sent:?}");
         std::fs::remove_file(&file).unwrap();
     });
+}
+
+/// Two libraries: another DDS that keeps nothing back, and one that calls it for a writer again and again,
+/// which aborts where another DDS answers.
+const OTHER_DDS: [(&str, &str); 2] = [
+    ("other_dds.so", "int dds_create_writer(void) { return 7; }"),
+    (
+        "caller.so",
+        "#include <pthread.h>\n#include <stdlib.h>\n#include <unistd.h>\n\
+         extern int dds_create_writer(int, int, const void *, const void *);\n\
+         static void *call(void *unused) {\n\
+           for (;; usleep(100)) if (dds_create_writer(1, 2, 0, 0) != 7) abort();\n\
+           return unused;\n\
+         }\n\
+         __attribute__((constructor)) static void begin(void) {\n\
+           pthread_t thread;\n\
+           if (pthread_create(&thread, 0, call, 0) != 0) abort();\n\
+         }",
+    ),
+];
+
+/// The libraries in a folder, as LD_PRELOAD has them: the one that calls is linked to the other or not.
+fn other_dds(folder: &Path, linked: bool) -> OsString {
+    let build = |(name, source): (&str, &str)| {
+        let library = folder.join(name);
+        let file = library.with_extension("c");
+        std::fs::write(&file, source).unwrap();
+        let mut cc = Command::new("cc");
+        cc.args(["-shared", "-fPIC", "-o"]).arg(&library).arg(&file);
+        cc.args((linked && name == "caller.so").then(|| folder.join("other_dds.so")));
+        assert!(cc.status().unwrap().success());
+        library.into_os_string()
+    };
+    OTHER_DDS.map(build).join(":".as_ref())
+}
+
+fn all_arrives_beside_another_dds(linked: bool) {
+    let graph = Graph::new();
+    let topic = "/in:std_msgs/msg/String:100:best_effort";
+    let node = graph.node(&["--name", "/sink", "--sub", topic]);
+    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR"));
+    let folder = folder.join(format!("other-dds-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let PlayerOptions { mut environment, .. } = graph.options();
+    environment.push(("LD_PRELOAD".into(), other_dds(&folder, linked)));
+    let options = PlayerOptions { environment, removed: Vec::new(), ..graph.options() };
+    let player = Player::start(&options).unwrap();
+    std::fs::remove_dir_all(&folder).unwrap();
+    let publisher = player.advertise("/in", "std_msgs/String", &NO_HEARTBEATS).unwrap();
+    let reader = graph.met("/in", &player, publisher);
+    for number in 0..50 {
+        publish(&player, publisher, &message(number, 100)).unwrap();
+    }
+    assert!(player.flush(Instant::now() + LONG).unwrap());
+    standin::eventually(|| graph.ledger.counts(reader.id).unwrap().ended == 50);
+    assert!(node.end());
+}
+
+#[test]
+fn another_dds_of_the_process_makes_its_own_writers_and_nothing_is_kept_back_by_it() {
+    [false, true].into_iter().for_each(all_arrives_beside_another_dds);
 }

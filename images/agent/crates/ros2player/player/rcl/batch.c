@@ -17,7 +17,7 @@ typedef void write_flush(entity writer);
 static _Thread_local bool making;
 static _Thread_local entity last; /* 0: none */
 static entity writers[PLAYER_ENDPOINTS]; /* 0: it keeps nothing back */
-static write_flush *flush;
+static write_flush *flush; /* of the library that made them */
 
 /* The library that holds an address, as the process has it. */
 static void *library_of(void *address) {
@@ -26,21 +26,38 @@ static void *library_of(void *address) {
   return dlopen(info.dli_fname, RTLD_NOW | RTLD_NOLOAD);
 }
 
+/* What a library that calls for a writer would have found without ours: that of the libraries that
+ * it is linked to, or else of all. */
+static create_writer *find_create(void *caller) {
+  void *library = library_of(caller);
+  void *found = library == NULL ? NULL : dlsym(library, "dds_create_writer");
+  if (library != NULL) dlclose(library);
+  return (create_writer *)(found != NULL ? found : dlsym(RTLD_NEXT, "dds_create_writer"));
+}
+
+/* Whether writers that a library makes can keep messages back, and how they are sent then. */
+static bool find_batches(create_writer *of, set_batch **batch, write_flush **sends) {
+  void *library = library_of((void *)of);
+  if (library == NULL) return false;
+  *batch = (set_batch *)dlsym(library, "dds_write_set_batch");
+  *sends = (write_flush *)dlsym(library, "dds_write_flush");
+  dlclose(library);
+  return *batch != NULL && *sends != NULL;
+}
+
 __attribute__((visibility("default"))) entity dds_create_writer(entity parent, entity topic,
                                                                 const void *qos,
                                                                 const void *listener) {
-  void *caller = library_of(__builtin_return_address(0));
-  if (caller == NULL) return FAILED;
-  create_writer *create = (create_writer *)dlsym(caller, "dds_create_writer");
-  set_batch *batch = (set_batch *)dlsym(caller, "dds_write_set_batch");
-  flush = (write_flush *)dlsym(caller, "dds_write_flush");
-  dlclose(caller);
+  create_writer *create = find_create(__builtin_return_address(0));
+  set_batch *batch;
+  write_flush *sends;
   if (create == NULL) return FAILED;
-  if (!making || batch == NULL || flush == NULL) return create(parent, topic, qos, listener);
+  if (!making || !find_batches(create, &batch, &sends)) return create(parent, topic, qos, listener);
   /* It is for writers that are made from now on, and no writer of others is made meanwhile. */
   batch(true);
   last = create(parent, topic, qos, listener);
   batch(false);
+  flush = sends;
   return last;
 }
 
