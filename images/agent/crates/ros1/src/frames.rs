@@ -39,6 +39,11 @@ impl Frames {
         Ok(read)
     }
 
+    /// Whether nothing is left that was read.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.start == self.end
+    }
+
     /// Takes the next message, of at most `max_message` bytes.
     pub(crate) fn next(&mut self, max_message: usize) -> Frame<'_> {
         let bytes = &self.buffer[self.start..self.end];

@@ -2,6 +2,7 @@
 //! order of arrival, to one sink. While the sink works nothing is read, so TCP holds the
 //! publishers back: messages wait, none is dropped here.
 
+use std::collections::BTreeMap;
 use std::io::ErrorKind;
 use std::net::TcpStream;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -41,9 +42,37 @@ pub(crate) struct Counts {
 pub(crate) struct Inbox {
     new: Mutex<Option<Sender<InLink>>>,
     waker: Waker,
-    /// How often every socket has been looked at.
-    rounds: Mutex<u64>,
+    rounds: Mutex<Rounds>,
     another: Condvar,
+}
+
+/// What the thread has done.
+#[derive(Debug, Default)]
+struct Rounds {
+    /// How often every socket has been looked at.
+    number: u64,
+    /// Connections that were not read to the end of a message and of what lay there, by the round
+    /// since which that is so.
+    behind: BTreeMap<u64, u64>,
+    /// Those of them that were waited for in vain: they are not waited for again.
+    given_up: BTreeMap<u64, u64>,
+}
+
+impl Rounds {
+    /// Takes in a round.
+    fn end(&mut self, streams: &[Stream]) {
+        self.number += 1;
+        let behind = streams.iter().filter_map(|stream| Some((stream.link.id, stream.behind?)));
+        self.behind = behind.collect();
+    }
+
+    /// Whether all has been read that lay there before a round.
+    fn have_read(&self, enough: u64) -> bool {
+        let given_up = |link, since| self.given_up.get(link) == Some(since);
+        let mut behind = self.behind.iter();
+        self.number >= enough
+            && !behind.any(|(link, since)| *since < enough && !given_up(link, since))
+    }
 }
 
 impl Inbox {
@@ -59,7 +88,7 @@ impl Inbox {
         let inbox = Arc::new(Inbox {
             new: Mutex::new(Some(new)),
             waker,
-            rounds: Mutex::new(0),
+            rounds: Mutex::default(),
             another: Condvar::new(),
         });
         let reader = Reader { inbox: Arc::clone(&inbox), sink, max_message, closed };
@@ -79,21 +108,25 @@ impl Inbox {
         self.waker.wake();
     }
 
-    /// Waits until everything that lies in our sockets now has been handed to the sink, at
-    /// most for `limit`.
+    /// Waits until everything that lies in our sockets now has been handed to the sink, and the whole of
+    /// each message that has begun to come, at most for `limit`.
     pub(crate) fn sweep(&self, limit: Duration) {
         let rounds = lock(&self.rounds);
         // The present round may have passed a socket by before it got its bytes.
-        let enough = *rounds + 2;
+        let enough = rounds.number + 2;
         self.waker.wake();
-        let before = |rounds: &mut u64| {
-            if *rounds < enough {
+        let before = |rounds: &mut Rounds| {
+            if rounds.number < enough {
                 self.waker.wake();
             }
-            *rounds < enough
+            !rounds.have_read(enough)
         };
         // A poisoned lock means that the reader is gone: nothing more will be handed over.
-        let _swept = self.another.wait_timeout_while(rounds, limit, before);
+        if let Ok((mut rounds, waited)) = self.another.wait_timeout_while(rounds, limit, before)
+            && waited.timed_out()
+        {
+            rounds.given_up = rounds.behind.clone();
+        }
     }
 
     /// Ends the thread.
@@ -114,6 +147,8 @@ struct Reader<C> {
 struct Stream {
     link: InLink,
     frames: Frames,
+    /// Since which round it was not read to the end of a message and of what lay there.
+    behind: Option<u64>,
 }
 
 impl<C: Fn(&str, &str)> Reader<C> {
@@ -133,13 +168,14 @@ impl<C: Fn(&str, &str)> Reader<C> {
                     Err(std::sync::mpsc::TryRecvError::Disconnected) => return,
                 }
             }
+            let round = lock(&self.inbox.rounds).number;
             for &at in ready.iter().rev() {
-                if !streams[at].turn(self.sink.as_mut(), self.max_message) {
+                if !streams[at].turn(self.sink.as_mut(), self.max_message, round) {
                     let gone = streams.swap_remove(at);
                     (self.closed)(&gone.link.topic, &gone.link.uri);
                 }
             }
-            *lock(&self.inbox.rounds) += 1;
+            lock(&self.inbox.rounds).end(&streams);
             self.inbox.another.notify_all();
         }
     }
@@ -162,28 +198,38 @@ fn wait_for_any(
 
 impl Stream {
     fn new(link: InLink) -> Stream {
-        Stream { link, frames: Frames::new() }
+        Stream { link, frames: Frames::new(), behind: None }
     }
 
     /// Reads and hands over until the socket is empty or the turn is over; `false` when
     /// the connection has ended.
-    fn turn(&mut self, sink: &mut dyn Sink, max_message: usize) -> bool {
+    fn turn(&mut self, sink: &mut dyn Sink, max_message: usize, round: u64) -> bool {
+        match self.read(sink, max_message) {
+            Some(empty) if empty && self.frames.is_empty() => self.behind = None,
+            Some(_) => _ = self.behind.get_or_insert(round),
+            None => return false,
+        }
+        true
+    }
+
+    /// Whether the socket is empty, or else the turn is over; `None` when the connection has ended.
+    fn read(&mut self, sink: &mut dyn Sink, max_message: usize) -> Option<bool> {
         let mut handed = 0;
         while handed < TURN {
             match self.frames.fill(&mut self.link.stream) {
-                Ok(0) => return false,
+                Ok(0) => return None,
                 Ok(read) => {
                     handed += read;
                     if !self.hand_over(sink, max_message) {
-                        return false;
+                        return None;
                     }
                 }
-                Err(error) if error.kind() == ErrorKind::WouldBlock => return true,
+                Err(error) if error.kind() == ErrorKind::WouldBlock => return Some(true),
                 Err(error) if error.kind() == ErrorKind::Interrupted => {}
-                Err(_) => return false,
+                Err(_) => return None,
             }
         }
-        true
+        Some(false)
     }
 
     /// Hands whole messages to the sink; `false` if a message is larger than accepted.
@@ -206,5 +252,143 @@ impl Stream {
             counts.messages.fetch_add(1, Ordering::Relaxed);
             counts.bytes.fetch_add(data.len() as u64, Ordering::Relaxed);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Write;
+    use std::net::{Ipv4Addr, TcpListener};
+    use std::time::Instant;
+
+    use super::*;
+
+    const LIMIT: Duration = Duration::from_secs(20);
+
+    /// Counts messages, and takes its time; takes none before its gate is open.
+    struct Gate {
+        open: Receiver<()>,
+        messages: Arc<AtomicU64>,
+    }
+
+    impl Sink for Gate {
+        fn message(&mut self, _: Incoming<'_>) {
+            if self.messages.load(Ordering::SeqCst) == 0 {
+                let _opened = self.open.recv();
+            }
+            std::thread::sleep(Duration::from_millis(1));
+            self.messages.fetch_add(1, Ordering::SeqCst);
+        }
+
+        fn too_large(&mut self, _: &str, _: u64) {}
+    }
+
+    struct Scene {
+        inbox: Arc<Inbox>,
+        reader: Option<JoinHandle<()>>,
+        open: Sender<()>,
+        messages: Arc<AtomicU64>,
+        counts: Arc<Counts>,
+        publisher: TcpStream,
+    }
+
+    impl Scene {
+        fn new() -> Scene {
+            let (open, gate) = channel();
+            let messages = Arc::new(AtomicU64::new(0));
+            let sink = Box::new(Gate { open: gate, messages: Arc::clone(&messages) });
+            let (inbox, reader) = Inbox::start(sink, 1 << 30, |_, _| {}).unwrap();
+            let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
+            let publisher = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
+            let stream = listener.accept().unwrap().0;
+            stream.set_nonblocking(true).unwrap();
+            let counts = Arc::new(Counts::default());
+            inbox.add(InLink {
+                id: 1,
+                topic: "/out".into(),
+                uri: String::new(),
+                publisher: Publisher::default(),
+                stream,
+                counts: Arc::clone(&counts),
+            });
+            Scene { inbox, reader: Some(reader), open, messages, counts, publisher }
+        }
+
+        fn publish(&mut self, length: u32) {
+            self.publisher.write_all(&length.to_le_bytes()).unwrap();
+            self.publisher.write_all(&vec![7; length as usize]).unwrap();
+        }
+
+        fn messages(&self) -> u64 {
+            self.messages.load(Ordering::SeqCst)
+        }
+
+        fn open(&self) {
+            self.open.send(()).unwrap();
+            let until = Instant::now() + LIMIT;
+            while self.messages() == 0 {
+                assert!(Instant::now() < until);
+                std::thread::yield_now();
+            }
+        }
+    }
+
+    impl Drop for Scene {
+        fn drop(&mut self) {
+            let _open_already = self.open.send(());
+            self.inbox.stop();
+            self.reader.take().unwrap().join().unwrap();
+        }
+    }
+
+    #[test]
+    fn a_sweep_takes_in_all_that_lies_in_a_socket_also_if_it_is_more_than_a_turn() {
+        let mut scene = Scene::new();
+        scene.publisher.set_nonblocking(true).unwrap();
+        let message = [&60_000u32.to_le_bytes()[..], &[7; 60_000]].concat();
+        let (mut bytes, mut until) = (0, Instant::now() + Duration::from_secs(1));
+        // Until the kernel takes no more, on either side.
+        while Instant::now() < until {
+            match scene.publisher.write(&message[bytes % message.len()..]) {
+                Ok(written) => {
+                    bytes += written;
+                    until = Instant::now() + Duration::from_millis(200);
+                }
+                Err(_) => std::thread::sleep(Duration::from_millis(10)),
+            }
+        }
+        let published = (bytes / message.len() + 1) as u64;
+        assert!(bytes > 2 * TURN, "{bytes}");
+        scene.open();
+        scene.publisher.set_nonblocking(false).unwrap();
+        scene.publisher.write_all(&message[bytes % message.len()..]).unwrap();
+        scene.inbox.sweep(LIMIT);
+        assert_eq!(scene.messages(), published, "{bytes}");
+    }
+
+    #[test]
+    fn a_sweep_awaits_the_rest_of_a_message_that_has_begun_and_once_in_vain() {
+        let mut scene = Scene::new();
+        scene.open.send(()).unwrap();
+        scene.publish(10);
+        scene.inbox.sweep(LIMIT);
+        assert_eq!(scene.messages(), 1);
+        scene.publisher.write_all(&8u32.to_le_bytes()).unwrap();
+        scene.publisher.write_all(&[1; 4]).unwrap();
+        let mut rest = scene.publisher.try_clone().unwrap();
+        let late = std::thread::spawn(move || {
+            std::thread::sleep(Duration::from_millis(200));
+            rest.write_all(&[1; 4]).unwrap();
+        });
+        scene.inbox.sweep(LIMIT);
+        assert_eq!(scene.messages(), 2);
+        late.join().unwrap();
+        // One that never ends holds up no more than one sweep.
+        scene.publisher.write_all(&8u32.to_le_bytes()).unwrap();
+        scene.inbox.sweep(Duration::from_millis(200));
+        let begun = Instant::now();
+        scene.inbox.sweep(LIMIT);
+        assert!(begun.elapsed() < LIMIT / 2);
+        assert_eq!(scene.counts.messages.load(Ordering::Relaxed), 2);
     }
 }
