@@ -96,8 +96,9 @@ impl Sampled {
 
 /// User and system time of all children that this process has reaped so far, and of theirs.
 fn reaped_cpu_seconds() -> f64 {
-    let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
-    reaped_ticks(&stat) as f64 / rustix::param::clock_ticks_per_second() as f64
+    let stat = std::fs::read("/proc/self/stat").unwrap_or_default();
+    reaped_ticks(&String::from_utf8_lossy(&stat)) as f64
+        / rustix::param::clock_ticks_per_second() as f64
 }
 
 /// `cutime` and `cstime` of a line of /proc/PID/stat (proc(5), fields 16 and 17).
@@ -112,7 +113,9 @@ fn memory(processes: &BTreeSet<i32>) -> u64 {
     let (mut together, mut highest) = (0, 0);
     for pid in processes {
         // It may have ended a moment ago; a zombie has no memory either.
-        let status = std::fs::read_to_string(format!("/proc/{pid}/status")).unwrap_or_default();
+        // The name in it may be no text.
+        let status = std::fs::read(format!("/proc/{pid}/status")).unwrap_or_default();
+        let status = String::from_utf8_lossy(&status);
         together += kibibytes(&status, "VmRSS:");
         highest = highest.max(kibibytes(&status, "VmHWM:"));
     }
@@ -126,6 +129,9 @@ fn kibibytes(status: &str, key: &str) -> u64 {
 
 #[cfg(test)]
 mod tests {
+    use std::os::unix::ffi::OsStrExt;
+    use std::process::Command;
+
     use super::*;
 
     #[test]
@@ -136,5 +142,20 @@ mod tests {
         let status = "Name:\tx\nVmHWM:\t    2048 kB\nVmRSS:\t    1024 kB\n";
         assert_eq!((kibibytes(status, "VmRSS:"), kibibytes(status, "VmHWM:")), (1024, 2048));
         assert_eq!(kibibytes("Name:\tzombie\n", "VmRSS:"), 0);
+    }
+
+    #[test]
+    fn a_process_is_measured_whatever_its_name_is() {
+        let name = std::ffi::OsStr::from_bytes(b"\xfcber");
+        let program = std::env::temp_dir().join(format!("usage-{}", std::process::id()));
+        std::fs::create_dir_all(&program).unwrap();
+        let program = program.join(name);
+        std::os::unix::fs::symlink("/bin/sleep", &program).unwrap();
+        let mut sleeps = Command::new(&program).arg("60").spawn().unwrap();
+        let used = memory(&BTreeSet::from([i32::try_from(sleeps.id()).unwrap()]));
+        sleeps.kill().unwrap();
+        sleeps.wait().unwrap();
+        std::fs::remove_dir_all(program.parent().unwrap()).unwrap();
+        assert!(used > 0);
     }
 }

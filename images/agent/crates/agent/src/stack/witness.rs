@@ -185,8 +185,8 @@ fn ready(fds: &[(i32, Arc<OwnedFd>)], until: Instant) -> Vec<i32> {
 }
 
 fn name_of(pid: i32) -> String {
-    let name = std::fs::read_to_string(format!("/proc/{pid}/comm")).unwrap_or_default();
-    name.trim_end().to_owned()
+    let name = std::fs::read(format!("/proc/{pid}/comm")).unwrap_or_default();
+    String::from_utf8_lossy(&name).trim_end().to_owned()
 }
 
 #[cfg(test)]

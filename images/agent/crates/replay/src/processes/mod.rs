@@ -91,9 +91,46 @@ fn demand(task: &std::path::Path) -> Option<Demand> {
 }
 
 fn waits(task: PathBuf) -> Option<Waits> {
-    let stat = std::fs::read_to_string(task.join("stat")).unwrap_or_default();
-    if threads::waits_for_disk(&stat) {
+    // A thread's name may be no text: the kernel cuts it within a letter.
+    let stat = std::fs::read(task.join("stat")).unwrap_or_default();
+    if threads::waits_for_disk(&String::from_utf8_lossy(&stat)) {
         return Some(Waits::Disk);
     }
     threads::waits(&std::fs::read_to_string(task.join("syscall")).ok()?)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::process::{Command, Stdio};
+
+    use super::*;
+
+    /// Waits for its child as vfork(2) does, which is uninterruptible, until its input ends.
+    const UNINTERRUPTIBLE: &str = r#"
+import ctypes, os, platform, sys
+libc = ctypes.CDLL(None)
+libc.prctl(15, b"\xfcber", 0, 0, 0)
+clone = {"x86_64": 56}.get(platform.machine(), 220)
+if libc.syscall(clone, 0x4000 | 17, 0, 0, 0, 0) == 0:
+    sys.stdin.read()
+    os._exit(0)
+"#;
+
+    #[test]
+    fn a_thread_that_waits_for_a_disk_is_seen_also_where_its_name_is_no_text() {
+        let mut python = Command::new("/usr/bin/python3");
+        python.args(["-c", UNINTERRUPTIBLE]).stdin(Stdio::piped());
+        let mut process = python.spawn().unwrap();
+        let pids = BTreeSet::from([i32::try_from(process.id()).unwrap()]);
+        let born = Instant::now();
+        let seen = || look(&pids, born).threads.values().any(|(_, waits)| *waits == Waits::Disk);
+        let mut found = seen();
+        while !found && born.elapsed() < Duration::from_secs(20) {
+            std::thread::sleep(Duration::from_millis(10));
+            found = seen();
+        }
+        drop(process.stdin.take());
+        process.wait().unwrap();
+        assert!(found);
+    }
 }
