@@ -127,6 +127,23 @@ fn a_namesake_that_does_not_count_is_no_proof_of_its_own() {
 }
 
 #[test]
+fn who_does_not_count_is_not_proved_by_one_of_its_name_that_is_gone() {
+    let scene = Scene::new();
+    let gone = scene.start("standin_node", &["--name", "/twin", "--sub", TEN]);
+    scene.await_subscriptions(1);
+    assert!(gone.end());
+    let _relay = scene.start("standin_node", &relay("/relay", TEN, &[]));
+    let _hidden = scene.start_uncounted("standin_node", &["--name", "/twin", "--sub", TEN]);
+    std::thread::sleep(Duration::from_secs(1));
+    let replayed = scene.play(&recording(&["/in"], 20, 50), &DEFAULT).unwrap();
+    let all: Vec<(&str, u64, Strength)> = lines(&replayed)
+        .iter()
+        .map(|line| (line.node.as_str(), line.received, line.strength))
+        .collect();
+    assert_eq!(all, [("/relay", 20, Strength::Called), ("/twin", 0, Strength::Sent)]);
+}
+
+#[test]
 fn who_begins_to_subscribe_during_the_play_has_no_more_than_it_took_from_then_on() {
     let scene = Scene::new();
     let _relay = scene.start("standin_node", &relay("/relay", DEEP, &[]));

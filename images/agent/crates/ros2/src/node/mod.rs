@@ -15,6 +15,7 @@ use bagpipe_graph::{
 use bagpipe_ros2ledger::Ledger;
 use bagpipe_ros2player::{Player, Reliability};
 
+use self::others::Around;
 use crate::audit::Reader;
 use crate::definition::otherwise_installed;
 use crate::error::failed;
@@ -123,13 +124,12 @@ impl Node for Graph {
         if let Some(why) = self.inputs.failure() {
             return Err(failed(why));
         }
-        let nodes = self.means.player.graph().map_err(failed)?;
-        self.must_be_alone(&nodes);
         self.inputs.lives.ask(&self.means.player)?;
         // Before what was published is read, so that what comes meanwhile is missing for a moment.
         let inputs = self.inputs.all();
         let handed: Vec<u64> = inputs.iter().map(|input| input.arrivals.handed()).collect();
-        let (look, state) = self.look_after(&nodes)?;
+        let Around { nodes, look, state } = self.look_around()?;
+        self.must_be_alone(&nodes);
         let namesakes = namesakes(&look.endpoints, &nodes);
         for topic in self.topics().iter() {
             let name = &topic.info().topic;

@@ -21,6 +21,13 @@ const UNLISTED: Duration = Duration::from_millis(500);
 /// How often it is looked for meanwhile.
 const AGAIN: Duration = Duration::from_millis(5);
 
+/// Who else is there at a moment.
+pub(super) struct Around {
+    pub(super) nodes: Vec<GraphNode>,
+    pub(super) look: Look,
+    pub(super) state: SystemState,
+}
+
 impl Graph {
     /// Fails where another case plays into the same domain.
     pub(super) fn must_be_alone(&self, nodes: &[GraphNode]) {
@@ -32,21 +39,20 @@ impl Graph {
         }
     }
 
-    /// The ledger, which was read after the graph, and who is in both. A node that the ledger does not
-    /// have is new in the graph, or does not count: it is known which after a while.
-    pub(super) fn look_after(
-        &self,
-        nodes: &[GraphNode],
-    ) -> Result<(Look, SystemState), GraphError> {
+    /// The graph and the ledger, which was read after it, and who is in both. A node that the ledger
+    /// does not have is new in the graph, or has just left it, or does not count: it is known which
+    /// after a while.
+    pub(super) fn look_around(&self) -> Result<Around, GraphError> {
         let (mut looked, mut waited) = (Instant::now(), Duration::ZERO);
         loop {
+            let nodes = self.means.player.graph().map_err(failed)?;
             let look = Look::at(self.ledger()).map_err(failed)?;
-            let state = state(&look.endpoints, nodes);
+            let state = state(&look.endpoints, &nodes);
             let settled = |topic: &Arc<Topic>| {
                 self.unlisted(topic, &state, &look).iter().all(|node| topic.is_uncounted(node))
             };
             if waited >= UNLISTED || self.topics().iter().all(settled) {
-                return Ok((look, state));
+                return Ok(Around { nodes, look, state });
             }
             std::thread::sleep(AGAIN);
             let now = Instant::now();
@@ -64,8 +70,7 @@ impl Graph {
         look: &Look,
     ) -> BTreeSet<String> {
         let name = &topic.info().topic;
-        let counts =
-            |node: &String| subscribed_to(name, &look.endpoints).any(|one| one.node == *node);
+        let counts = |node: &String| listed_on(name, &look.endpoints).any(|one| one.node == *node);
         let named = state.subscribers.get(name).into_iter().flatten();
         named.filter(|node| **node != self.name && !counts(node)).cloned().collect()
     }
@@ -115,12 +120,11 @@ impl Graph {
     }
 }
 
-/// The subscriptions of a topic that count, also those that are gone.
-fn subscribed_to<'e>(
-    topic: &'e str,
-    endpoints: &'e [Endpoint],
-) -> impl Iterator<Item = &'e Endpoint> {
-    endpoints.iter().filter(move |one| one.kind == Kind::Subscription && one.topic == topic)
+/// The subscriptions of a topic that count, also those of processes that were killed, which are in the
+/// graph for a while.
+fn listed_on<'e>(topic: &'e str, endpoints: &'e [Endpoint]) -> impl Iterator<Item = &'e Endpoint> {
+    let there = endpoints.iter().filter(|one| !one.destroyed);
+    there.filter(move |one| one.kind == Kind::Subscription && one.topic == topic)
 }
 
 /// The name, if it is that of a player of another process that runs. One that was killed is in the
