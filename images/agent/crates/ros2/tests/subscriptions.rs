@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use bagpipe_replay::{LedgerSubscriber, Mode, Progress, Replayed, Stage, Strength};
 use scene::{Ask, DEFAULT, MS, Scene, recorded, recording};
-use standin::LONG;
+use standin::{LONG, eventually};
 
 /// Of a node that is still once all is over, however long that takes on a busy machine.
 const REALTIME: Ask<'static> = Ask { mode: Mode::Realtime, drain: LONG, ..DEFAULT };
@@ -134,7 +134,10 @@ fn who_does_not_count_is_not_proved_by_one_of_its_name_that_is_gone() {
     assert!(gone.end());
     let _relay = scene.start("standin_node", &relay("/relay", TEN, &[]));
     let _hidden = scene.start_uncounted("standin_node", &["--name", "/twin", "--sub", TEN]);
-    std::thread::sleep(Duration::from_secs(1));
+    let scout = scene.graph.player();
+    let is_there = |name| scout.graph().unwrap().iter().any(|node| node.name == name);
+    eventually(|| is_there("/relay") && is_there("/twin"));
+    drop(scout);
     let replayed = scene.play(&recording(&["/in"], 20, 50), &DEFAULT).unwrap();
     let all: Vec<(&str, u64, Strength)> = lines(&replayed)
         .iter()

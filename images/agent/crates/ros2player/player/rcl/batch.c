@@ -17,7 +17,7 @@ typedef void write_flush(entity writer);
 static _Thread_local bool making;
 static _Thread_local entity last; /* 0: none */
 static entity writers[PLAYER_ENDPOINTS]; /* 0: it keeps nothing back */
-static write_flush *flush; /* of the library that made them */
+static write_flush *_Atomic flush; /* of the library that made them */
 
 /* The library that holds an address, as the process has it. */
 static void *library_of(void *address) {
