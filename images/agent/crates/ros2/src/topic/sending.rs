@@ -72,21 +72,13 @@ impl Topic {
         }
     }
 
-    /// Sends a message as soon as there is room for it. A large one is copied before, so that its copy
-    /// is none of the time in which nothing is under way.
-    fn publish_paced(
-        &self,
-        share: Share,
-        message: &[u8],
-        cancelled: Cancelled<'_>,
-    ) -> Result<(), SendError> {
-        let staged = match message.len() >= LARGE {
-            true => self.means.player.stage(self.publisher, &[message]),
-            false => Ok(None),
-        };
-        let staged = staged.map_err(|error| failed(&error))?;
-        self.await_room(message.len() as u64, cancelled)?;
-        self.publish(share, message, staged, cancelled)
+    /// Copies a large message before there is room for it, so that its copy is none of the time in
+    /// which nothing is under way.
+    fn stage(&self, message: &[u8]) -> Result<Option<Staged>, SendError> {
+        if message.len() < LARGE {
+            return Ok(None);
+        }
+        self.means.player.stage(self.publisher, &[message]).map_err(|error| failed(&error))
     }
 
     fn publish(
@@ -108,12 +100,11 @@ impl Topic {
             self.means.ledger.watch_matches(false);
         }
         let player = &self.means.player;
-        let released = staged.map_or(Ok(false), |staged| player.release(staged));
-        let publish = |released| match released {
-            true => Ok(()),
-            false => player.publish(self.publisher, &[message], cancelled),
+        let sent = match staged.map_or(Ok(false), |staged| player.release(staged)) {
+            Ok(false) => player.publish(self.publisher, &[message], cancelled),
+            released => released.map(drop),
         };
-        match released.and_then(publish) {
+        match sent {
             Ok(()) => Ok(()),
             Err(PlayerError::Cancelled) => Err(SendError::Cancelled),
             Err(error) => Err(failed(&error)),
@@ -194,15 +185,16 @@ impl Outlet for Topic {
             if let Some(why) = self.misread() {
                 return Err(SendError::Failed { reason: "BagUnreadable", what: why.to_owned() });
             }
+            let mut staged = None;
             match (self.means.paced_by, share) {
                 (PacedBy::Subscribers, _) => {
-                    self.publish_paced(share, message, cancelled)?;
-                    continue;
+                    staged = self.stage(message)?;
+                    self.await_room(message.len() as u64, cancelled)?;
                 }
                 (PacedBy::Schedule, Share::LeadIn) => self.await_first(message, cancelled)?,
                 (PacedBy::Schedule, Share::Counted) => {}
             }
-            self.publish(share, message, None, cancelled)?;
+            self.publish(share, message, staged, cancelled)?;
         }
         Ok(())
     }
