@@ -62,9 +62,9 @@ def test_a_job_that_can_t_take_any_over_starts_cold(changed: dict[str, Any], rea
 
 
 def test_where_pools_are_off_every_job_starts_cold_and_says_whom_to_ask() -> None:
-    assert choice(warm("d"), pooling=replace(POOLING, enabled=False)) == "PoolsOff"
-    assert choice(warm("d"), pooling=Pooling()) == "PoolsOff"
-    found = chosen(WISH, [], Pooling(), START)
+    off = replace(POOLING, enabled=False)
+    assert choice(warm("d"), pooling=off) == "PoolsOff"
+    found = chosen(WISH, [], off, START)
     assert isinstance(found, Cold)
     assert found.message == (
         "This installation keeps no drivers: ask an administrator for pools.enabled of the Helm "
@@ -113,9 +113,13 @@ def test_where_a_job_waits_for_room_waiting_drivers_make_it() -> None:
 
 def test_a_job_that_no_node_has_room_for_ends_those_that_wait_when_it_begins_to() -> None:
     """And none that waits later: else one job that no node can hold would end the pools of all."""
-    drivers = [warm("a", idle_since=after(9)), warm("b", idle_since=after(9.5))]
+    drivers = [warm("a", idle_since=after(9)), warm("b", idle_since=after(9.5)),
+               warm("c", idle_since=after(8))]  # fmt: skip
     nodes = Crowd("depths", after(9), on_nodes=True)
-    assert ends(*drivers, crowded=(nodes,)) == [("a", "RoomNeeded")]
+    pooling = replace(POOLING, per_namespace=3)
+    found = ends(*drivers, crowded=(nodes,), pooling=pooling)
+    assert found == [("c", "RoomNeeded"), ("a", "RoomNeeded")]
+    drivers.pop()
     assert ends(*drivers, crowded=(replace(nodes, on_nodes=False),)) == []
     assert ends(*drivers, crowded=(replace(nodes, namespace="lanes"),)) == [
         ("a", "RoomNeeded"), ("b", "RoomNeeded"),

@@ -16,11 +16,11 @@ _LATE_SECONDS = 30.0
 class Pooling:
     """What the administrator lets drivers do after a job."""
 
-    enabled: bool = False
-    idle_seconds: float = 300.0
+    enabled: bool
+    idle_seconds: float
     """For how long a driver waits for another job."""
 
-    per_namespace: int = 2
+    per_namespace: int
     """How many drivers may wait in one namespace at the same time."""
 
 
