@@ -149,6 +149,8 @@ int rmw_subscription_get_actual_qos(const struct rmw_endpoint *subscription, str
 #define MEETS_LATE "STANDIN_MEETS_LATE_MS"
 /* For so many ms a new subscription is in the graph, and who creates it does not have it yet. */
 #define LISTS_LATE "STANDIN_LISTS_LATE_MS"
+/* For so many us a call that publishes goes on after its message went out. */
+#define RETURNS_LATE "STANDIN_RETURNS_LATE_US"
 int rmw_publisher_count_matched_subscriptions(const struct rmw_endpoint *publisher, size_t *into);
 int rmw_subscription_count_matched_publishers(const struct rmw_endpoint *subscription,
                                               size_t *into);

@@ -64,6 +64,8 @@ static struct rmw_endpoint *create(const struct rmw_node *node, const struct typ
   }
   const char *late = reads ? NULL : getenv(MEETS_LATE);
   if (late != NULL) made->meets = dds_time() + DDS_MSECS(atoll(late));
+  late = reads ? NULL : getenv(RETURNS_LATE);
+  if (late != NULL) made->returns_late = DDS_USECS(atoll(late));
   if (reads) made->condition = dds_create_readcondition(made->entity, DDS_ANY_STATE);
   struct rmw_endpoint *endpoint = calloc(1, sizeof *endpoint);
   endpoint->implementation = IDENTIFIER;
@@ -147,6 +149,7 @@ static int send_bytes(const struct rmw_endpoint *publisher, const uint8_t *bytes
   dds_return_t failed = blob_write(of->entity, of->type, bytes, length);
   if (failed < 0)
     return standin_error(RMW_ERROR, "%s: %s", publisher->topic, dds_strretcode(failed));
+  if (of->returns_late > 0) dds_sleepfor(of->returns_late);
   return RMW_OK;
 }
 

@@ -17,6 +17,7 @@ struct endpoint {
   const void *type; /* what messages are made with */
   struct rmw_qos qos;
   dds_time_t meets; /* a publisher knows nobody before */
+  dds_duration_t returns_late; /* a publisher sleeps for so long after its message went out */
 };
 
 /* More than a graph of tests has. */

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use bagpipe_ros2ledger::EndpointId;
+use bagpipe_ros2ledger::{Counts, EndpointId};
 
 /// What is published on a topic beside what has been handed on. Publishers may have published before
 /// they knew us. How much is never known exactly, only at the most: what is missing beyond it is
@@ -15,10 +15,25 @@ pub(crate) struct Account<P = EndpointId> {
     before: u64,
 }
 
+/// What one publisher has published.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Publishes {
+    /// By calls that have returned: as many at least.
+    published: u64,
+    /// By all calls that have begun, whose messages may have come: no more than that.
+    offered: u64,
+}
+
+impl Publishes {
+    pub(crate) fn of(counts: &Counts) -> Publishes {
+        Publishes { published: counts.published, offered: counts.offered }
+    }
+}
+
 /// One publisher.
 #[derive(Clone, Copy, Debug, Default)]
 struct Publisher {
-    published: u64,
+    publishes: Publishes,
     /// Looks at which all had found each other.
     met: u32,
 }
@@ -40,28 +55,35 @@ impl<P: Ord> Account<P> {
 
     /// Takes in how much each publisher has published by now, which was read after `handed`, what
     /// was handed to the sink; `met`: we know all of them.
-    pub(crate) fn look(&mut self, now: impl Iterator<Item = (P, u64)>, handed: u64, met: bool) {
-        for (id, published) in now {
+    pub(crate) fn look(
+        &mut self,
+        now: impl Iterator<Item = (P, Publishes)>,
+        handed: u64,
+        met: bool,
+    ) {
+        for (id, publishes) in now {
             let one = self.publishers.entry(id).or_default();
-            one.published = one.published.max(published);
+            let published = one.publishes.published.max(publishes.published);
+            one.publishes = Publishes { published, ..publishes };
             if met && one.met < KNOWN {
                 one.met += 1;
-                self.before += if one.met == KNOWN { one.published } else { 0 };
+                self.before += if one.met == KNOWN { publishes.offered } else { 0 };
             }
         }
-        // Whatever was missing at some moment includes what came too early for us.
-        self.before = self.before.min(self.published().saturating_sub(handed));
+        // Whatever was missing at some moment includes what came too early for us. A message that
+        // has come before its publisher's call returned was not missing.
+        self.before = self.before.min(self.offered().saturating_sub(handed));
     }
 
-    /// What all have published.
-    pub(crate) fn published(&self) -> u64 {
-        self.publishers.values().map(|one| one.published).sum()
+    /// What all have begun to publish.
+    pub(crate) fn offered(&self) -> u64 {
+        self.publishers.values().map(|one| one.publishes.offered).sum()
     }
 
     /// How many must have been handed on at least, once all that is published by now has come.
     pub(crate) fn due(&self) -> u64 {
         let known = self.publishers.values().filter(|one| one.met >= KNOWN);
-        known.map(|one| one.published).sum::<u64>().saturating_sub(self.before)
+        known.map(|one| one.publishes.published).sum::<u64>().saturating_sub(self.before)
     }
 }
 
@@ -69,11 +91,16 @@ impl<P: Ord> Account<P> {
 mod tests {
     use super::*;
 
+    /// Of publishers of which no call is under way.
+    fn publishes<const N: usize>(now: [(u32, u64); N]) -> impl Iterator<Item = (u32, Publishes)> {
+        now.into_iter().map(|(id, all)| (id, Publishes { published: all, offered: all }))
+    }
+
     /// An account after looks at one publisher that knows us, each with what was published and handed.
     fn after(looks: &[(u64, u64)]) -> Account<u32> {
         let mut account = Account::default();
         for (published, handed) in looks {
-            account.look([(1, *published)].into_iter(), *handed, true);
+            account.look(publishes([(1, *published)]), *handed, true);
         }
         account
     }
@@ -103,24 +130,24 @@ mod tests {
     fn a_pause_on_the_way_is_not_taken_for_an_early_message() {
         let mut account = after(&[(0, 0), (10, 7), (10, 7), (10, 10)]);
         assert_eq!(account.due(), 10);
-        account.look([(1, 20)].into_iter(), 17, true);
+        account.look(publishes([(1, 20)]), 17, true);
         assert_eq!(account.due(), 20);
     }
 
     #[test]
     fn another_publisher_hides_no_loss_of_the_first() {
         let mut account = after(&[(0, 0), (0, 0), (100, 90)]);
-        let both = |second: u64| [(1, 100), (2, second)].into_iter();
+        let both = |second: u64| publishes([(1, 100), (2, second)]);
         // The second has published five that nobody had a chance to get.
         account.look(both(5), 90, true);
-        assert_eq!((account.published(), account.due()), (105, 100));
+        assert_eq!((account.offered(), account.due()), (105, 100));
         account.look(both(5), 90, true);
         assert_eq!(account.due(), 100);
         account.look(both(8), 93, true);
         assert_eq!(account.due(), 103);
         // Nor does one that took its slot.
-        account.look([(3, 1)].into_iter(), 93, true);
-        assert_eq!((account.published(), account.due()), (109, 103));
+        account.look(publishes([(3, 1)]), 93, true);
+        assert_eq!((account.offered(), account.due()), (109, 103));
     }
 
     #[test]
@@ -128,11 +155,27 @@ mod tests {
         let mut account = Account::<u32>::default();
         for published in [5, 6, 7] {
             assert!(account.has_strangers([1].into_iter()));
-            account.look([(1, published)].into_iter(), 0, false);
+            account.look(publishes([(1, published)]), 0, false);
         }
         assert_eq!(account.due(), 0);
-        account.look([(1, 8)].into_iter(), 0, true);
-        account.look([(1, 9)].into_iter(), 1, true);
+        account.look(publishes([(1, 8)]), 0, true);
+        account.look(publishes([(1, 9)]), 1, true);
         assert_eq!((account.due(), account.has_strangers([1].into_iter())), (1, false));
+    }
+    #[test]
+    fn a_message_that_comes_before_its_call_has_returned_is_no_early_one() {
+        let mut account = after(&[(7, 0), (7, 0)]);
+        assert_eq!(account.due(), 0);
+        // The eighth is here, and not yet counted as published.
+        let under_way = Publishes { published: 7, offered: 8 };
+        account.look([(1, under_way)].into_iter(), 1, true);
+        assert_eq!(account.due(), 0);
+        account.look(publishes([(1, 8)]), 1, true);
+        assert_eq!(account.due(), 1);
+        // One that the middleware did not take after all.
+        let refused = Publishes { published: 8, offered: 9 };
+        account.look([(1, refused)].into_iter(), 1, true);
+        account.look(publishes([(1, 8)]), 1, true);
+        assert_eq!((account.due(), account.offered()), (1, 8));
     }
 }

@@ -286,7 +286,7 @@ impl Link {
         let mut taken = now.earlier + now.least(ledger)?;
         let others = counted.others.read().unwrap_or_else(PoisonError::into_inner);
         for (id, before) in others.iter() {
-            taken = taken.saturating_sub(ledger.counts(*id)?.published.saturating_sub(*before));
+            taken = taken.saturating_sub(ledger.counts(*id)?.offered.saturating_sub(*before));
         }
         Ok(Some(taken))
     }

@@ -99,10 +99,25 @@ void count_take(const void *subscription, uint64_t messages) {
   if (taken >= atomic_load(&endpoint->wake_from)) changed(atomic_load(&attach_ledger), EVENT_TAKEN);
 }
 
-void count_publish(const void *publisher) {
+struct offer count_offer(const void *publisher) {
   uint32_t slot;
-  struct ledger_endpoint *endpoint = listed(publisher, &slot);
-  if (endpoint != NULL) add(&endpoint->published, 1, EVENT_PUBLISHED);
+  struct offer offer = {NULL, 0};
+  if (self.inside != 1) return offer;
+  offer.endpoint = listed(publisher, &slot);
+  if (offer.endpoint == NULL) return offer;
+  offer.generation = atomic_load(&offer.endpoint->generation);
+  atomic_fetch_add(&offer.endpoint->offered, 1);
+  return offer;
+}
+
+void count_publish(struct offer offer, bool taken) {
+  if (offer.endpoint == NULL) return;
+  /* Destroyed by another thread meanwhile, and the slot is another's. */
+  if (atomic_load(&offer.endpoint->generation) != offer.generation) return;
+  if (taken)
+    add(&offer.endpoint->published, 1, EVENT_PUBLISHED);
+  else
+    atomic_fetch_sub(&offer.endpoint->offered, 1);
 }
 
 static void start_endpoint(struct ledger_endpoint *endpoint, uint32_t slot, bool intra) {

@@ -9,7 +9,16 @@
 #include "layout.h"
 
 void count_take(const void *subscription, uint64_t messages);
-void count_publish(const void *publisher);
+
+/* A message that is being published: its reader may have it before the call has returned. */
+struct offer {
+  struct ledger_endpoint *endpoint; /* NULL: it is not counted */
+  uint32_t generation;
+};
+/* Between count_enter and the middleware's call. */
+struct offer count_offer(const void *publisher);
+void count_publish(struct offer offer, bool taken);
+
 /* This thread waits for work: what it took has been handled. */
 void count_wait(void);
 void count_start(const void *callback, bool intra);

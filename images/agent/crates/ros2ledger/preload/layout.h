@@ -5,7 +5,7 @@
 #include <stdint.h>
 
 #define LEDGER_MAGIC 0x3152444c50474142ull /* "BAGPLDR1" */
-#define LEDGER_VERSION 2u
+#define LEDGER_VERSION 3u
 #define LEDGER_PROCESSES 512u
 #define LEDGER_ENDPOINTS 4096u
 #define LEDGER_NAME_BYTES 256u
@@ -72,7 +72,7 @@ struct ledger_endpoint {
   _Atomic uint64_t depth;
   _Atomic uint64_t matched; /* publishers, in the low half; above, the watch that asked for them */
   _Atomic uint64_t wake_from; /* who waits for takes is not woken before so many */
-  _Atomic uint64_t reserved;
+  _Atomic uint64_t offered; /* published, and those of which the middleware has not returned yet */
   _Atomic uint64_t taken;
   _Atomic uint64_t empty; /* takes that found nothing */
   _Atomic uint64_t started;

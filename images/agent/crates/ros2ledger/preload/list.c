@@ -67,6 +67,7 @@ static void fill(struct ledger_endpoint *endpoint, const struct creation *of, co
   endpoint->thread = 0;
   endpoint->matched = 0;
   endpoint->wake_from = 0;
+  endpoint->offered = 0;
   for (_Atomic uint64_t *count = &endpoint->taken; count <= &endpoint->published; count++)
     *count = 0;
   copy(endpoint->topic, of->topic);

@@ -136,8 +136,9 @@ PUBLIC int rmw_take_sequence(const void *subscription, size_t count, void *messa
   PUBLIC int name(const void *publisher, pointer message, void *allocation) { \
     NEXT_RMW(name)                                                          \
     count_enter();                                                          \
+    struct offer offer = count_offer(publisher);                            \
     int result = next(publisher, message, allocation);                      \
-    if (count_leave() && result == RMW_OK) count_publish(publisher);        \
+    if (count_leave()) count_publish(offer, result == RMW_OK);              \
     return result;                                                          \
   }
 

@@ -92,6 +92,9 @@ pub struct Counts {
     pub returned: u64,
     /// Handed to the middleware, which took them.
     pub published: u64,
+    /// These, and those that the middleware has been given and has not returned from yet, which
+    /// others may have received already: never less than were received, and the same at rest.
+    pub offered: u64,
 }
 
 impl Counts {
@@ -226,12 +229,14 @@ pub(crate) fn counts(slot: &EndpointSlot) -> Result<Counts, Wrong> {
     let taken = slot.taken.load(SeqCst);
     let empty = slot.empty.load(SeqCst);
     let published = slot.published.load(SeqCst);
+    let offered = slot.offered.load(SeqCst);
     // No process counts so far in a lifetime; beyond, sums would not fit.
-    let most = [taken, started, intra_started, published].into_iter().fold(0, u64::max);
+    let most = [taken, started, intra_started, offered].into_iter().fold(0, u64::max);
     let pairs = [
         (&slot.ended, "ends", ended, "starts", started),
         (&slot.intra_ended, "ends", intra_ended, "starts within the process", intra_started),
         (&slot.returned, "returns", returned, "takes", taken),
+        (&slot.published, "publishes", published, "begun", offered),
         (&slot.taken, "messages", most, "ever", 1 << 60),
     ];
     for (field, what, more, of, less) in pairs {
@@ -239,7 +244,17 @@ pub(crate) fn counts(slot: &EndpointSlot) -> Result<Counts, Wrong> {
             return Err((place(slot, field), format!("{more} {what} of {less} {of}")));
         }
     }
-    Ok(Counts { taken, empty, started, ended, intra_started, intra_ended, returned, published })
+    Ok(Counts {
+        taken,
+        empty,
+        started,
+        ended,
+        intra_started,
+        intra_ended,
+        returned,
+        published,
+        offered,
+    })
 }
 
 /// The name of the slot's topic or node, which `field` has.

@@ -137,7 +137,8 @@ fn every_way_to_take_and_to_publish_counts_once() {
         node.obey(&["publish /scan 5 serialized", "publish /scan 4 loaned", "poison /scan"]);
         node.obey(&["spin / 1"]);
         assert_eq!(node.ask("sent /scan"), "19");
-        assert_eq!(publisher(&ledger, "/scan").counts.published, 19);
+        let counts = publisher(&ledger, "/scan").counts;
+        assert_eq!((counts.published, counts.offered), (19, 19), "{way}");
         let scan = subscription(&ledger, "/scan");
         assert_eq!((scan.counts.taken, node.report("/scan").taken), (19, 19), "{way}");
         // rclcpp's generic subscription, which rosbag2's recorder has, reports no callback.

@@ -224,7 +224,7 @@ impl Node for Graph {
         lacking.extend(self.topics().iter().filter_map(|topic| topic.misread().map(str::to_owned)));
         for (input, due) in &due {
             lacking.extend(input.unrecordable().iter().cloned());
-            let (handed, published) = (input.arrivals.handed(), input.account().published());
+            let (handed, published) = (input.arrivals.handed(), input.account().offered());
             lacking.extend(self.own(input, handed.saturating_sub(published)));
             let missing = due.saturating_sub(handed);
             if missing > 0 {

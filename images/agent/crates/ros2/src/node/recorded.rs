@@ -9,6 +9,7 @@ use bagpipe_ros2ledger::{Endpoint, Kind};
 use bagpipe_ros2player::{GraphNode, Qos};
 
 use super::Graph;
+use crate::account::Publishes;
 use crate::definition::{installed, schema_encoding};
 use crate::error::failed;
 use crate::recording::Input;
@@ -76,7 +77,7 @@ impl Graph {
     pub(super) fn compare(&self, input: &Input, handed: u64, look: &Look) {
         let all = || published_on(&input.topic, &look.endpoints);
         let met = self.has_met(input, look);
-        let now = all().map(|one| (one.id, one.counts.published));
+        let now = all().map(|one| (one.id, Publishes::of(&one.counts)));
         input.account().look(now, handed, met);
         for one in all().filter(|one| one.counts.published > 0) {
             if let Some(why) = qos::unrecordable(&one.qos, &input.qos) {
@@ -151,7 +152,7 @@ impl Graph {
         let endpoints = self.ledger().endpoints().map_err(failed)?;
         let due = all.into_iter().map(|(input, handed)| {
             let now = published_on(&input.topic, &endpoints);
-            let now = now.map(|one| (one.id, one.counts.published));
+            let now = now.map(|one| (one.id, Publishes::of(&one.counts)));
             input.account().look(now, handed, false);
             let due = input.account().due();
             (input, due)
