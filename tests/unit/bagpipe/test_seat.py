@@ -129,6 +129,29 @@ def test_a_driver_waits_for_so_long_from_the_last_job_s_end_on() -> None:
     assert world.seat.offer(world.offer("d")) == "refused"
 
 
+def test_an_offer_that_comes_too_late_is_refused_though_nobody_has_looked_at_the_time() -> None:
+    world = World()
+    world.now = 300.25
+    assert world.seat.offer(world.offer("a")) == "refused"
+    assert world.seat.taken() is None
+
+
+def test_who_waits_looks_up_each_half_second_and_at_the_end_of_the_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    world, waits = World(), []
+    world.now = 298.75
+
+    def wait(seconds: float) -> bool:
+        waits.append(seconds)
+        world.now += seconds
+        return False
+
+    monkeypatch.setattr(world.seat._changed, "wait", wait)
+    assert world.seat.taken() is None
+    assert waits == [0.5, 0.5, 0.25]
+
+
 def test_one_that_may_not_stay_takes_no_other_job() -> None:
     world = World()
     world.seat.offer(world.offer("a"))

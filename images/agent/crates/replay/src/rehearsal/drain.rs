@@ -1,10 +1,13 @@
 //! After the last message: what ends the recording, and when.
 
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use bagpipe_graph::Node;
+use bagpipe_graph::{Node, Publication};
 
 use super::realtime::bag_of_times;
+use super::scripted::{Scripted, Words};
 use super::{ByHand, MS, Mode, Rehearsal, ms, request, window};
 use crate::drain::Drain;
 use crate::plan::Plan;
@@ -155,4 +158,42 @@ fn without_a_subscriber_all_is_proved_at_the_second_question() {
         drain.listen(&mut proof, &mut processes, &mut player, watch).unwrap();
     });
     assert_eq!(by_hand.passed(), ms(310));
+}
+
+/// Proves the delivery of a topic that nobody subscribes to, of which `unsent` bytes are still to
+/// go out until `gone`; when it ended.
+fn proved(rehearsal: &Rehearsal, unsent: u64, gone: Duration) -> Duration {
+    let topic = Scripted::new("/a", &[]);
+    topic.unsent.store(unsent, Ordering::Relaxed);
+    let of_kernel = Arc::clone(&topic);
+    rehearsal.by_hand.at(gone, move || of_kernel.unsent.store(0, Ordering::Relaxed));
+    let node = rehearsal.node();
+    let plan = Plan::of_topics(Vec::new());
+    let outlets = (vec![topic as Arc<dyn Publication>], None);
+    let mut player = Player::new(&plan, &rehearsal.clock, &rehearsal.request, None, outlets);
+    let mut proof = Proof::new(Words::default().audit());
+    let drain = rehearsal.drain(&*node);
+    rehearsal.watched(|watch| {
+        watch.enter(Stage::Drain);
+        drain.prove(&mut proof, &mut player, watch).unwrap();
+    });
+    rehearsal.by_hand.passed()
+}
+
+#[test]
+fn what_has_not_gone_out_yet_is_waited_for_before_anybody_is_asked() {
+    // Looked at every 10 ms; who has nothing more to get is asked twice.
+    assert_eq!(proved(&rehearsal(), 0, ms(0)), ms(10));
+    for unsent in [1, 7] {
+        assert_eq!(proved(&rehearsal(), unsent, ms(35)), ms(50));
+    }
+}
+
+#[test]
+fn what_never_goes_out_is_waited_for_until_the_deadline_or_the_stack_s_end() {
+    assert_eq!(proved(&rehearsal(), 1, ms(9_000)), ms(2_000));
+    let rehearsal = rehearsal();
+    rehearsal.cancels(ms(205), Cancellation::StackExited);
+    // Seen at 210, at the beginning of a sleep.
+    assert_eq!(proved(&rehearsal, 1, ms(9_000)), ms(220));
 }

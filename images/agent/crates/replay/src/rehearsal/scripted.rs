@@ -1,6 +1,7 @@
 //! Topics whose connections and nodes are as a test says.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
 use bagpipe_graph::{
@@ -13,13 +14,20 @@ pub(super) struct Scripted {
     info: TopicInfo,
     links: Mutex<Vec<LinkState>>,
     ends: Mutex<Vec<FarEnd>>,
+    /// Bytes that no subscriber's kernel has taken.
+    pub(super) unsent: AtomicU64,
 }
 
 impl Scripted {
     pub(super) fn new(topic: &str, links: &[LinkState]) -> Arc<Scripted> {
         let datatype = format!("{}_msgs/String", &topic[1..]);
         let info = TopicInfo { topic: topic.to_owned(), datatype, ..TopicInfo::default() };
-        Arc::new(Scripted { info, links: Mutex::new(links.to_vec()), ends: Mutex::default() })
+        Arc::new(Scripted {
+            info,
+            links: Mutex::new(links.to_vec()),
+            ends: Mutex::default(),
+            unsent: AtomicU64::new(0),
+        })
     }
 
     /// What is seen of the other ends from now on.
@@ -59,7 +67,7 @@ impl Publication for Scripted {
     }
 
     fn unsent(&self) -> u64 {
-        0
+        self.unsent.load(Ordering::Relaxed)
     }
 
     fn far_ends(&self) -> Vec<FarEnd> {

@@ -7,8 +7,12 @@ use std::time::{Duration, Instant};
 
 use super::Time;
 
+/// How often the time may be asked for while it stands: who asks more often sleeps never.
+const MOST_QUESTIONS: u32 = 100_000;
+
 /// A clock of which sleeping is the only way on: what is planned happens on the way, at its
-/// moment. Nothing waits for real time, so that each figure comes out the same every time.
+/// moment. Nothing waits for real time, so that each figure comes out the same every time, and a
+/// loop that never ends fails its test at once.
 pub(crate) struct ByHand {
     began: Instant,
     state: Mutex<State>,
@@ -20,6 +24,8 @@ struct State {
     /// By moment, and in the order in which they were planned.
     plans: BTreeMap<(Duration, usize), Box<dyn FnOnce() + Send>>,
     planned: usize,
+    /// How often the time was asked for since it last moved.
+    questions: u32,
 }
 
 impl fmt::Debug for ByHand {
@@ -40,7 +46,10 @@ impl ByHand {
     }
 
     pub(crate) fn now(&self) -> Instant {
-        self.began + self.passed()
+        let mut state = self.state();
+        state.questions += 1;
+        assert!(state.questions <= MOST_QUESTIONS, "nobody sleeps: the clock stands for ever");
+        self.began + state.passed
     }
 
     /// What has passed since it was made.
@@ -80,6 +89,7 @@ impl ByHand {
     /// On to what happens next, `until` then at the latest; whether there was anything.
     fn step(&self, until: Duration) -> bool {
         let mut state = self.state();
+        state.questions = 0;
         let next = state.plans.first_entry().filter(|plan| plan.key().0 <= until);
         let Some(plan) = next else {
             let before = state.passed;
@@ -130,6 +140,13 @@ mod tests {
         assert_eq!(clock.passed(), ms(115));
         clock.sleep(ms(20));
         assert_eq!(clock.passed(), ms(135));
+    }
+
+    #[test]
+    #[should_panic(expected = "nobody sleeps")]
+    fn who_waits_without_sleeping_fails_in_place_of_waiting_for_ever() {
+        let clock = ByHand::new();
+        while clock.now() < clock.moment(ms(1)) {}
     }
 
     #[test]
