@@ -73,6 +73,12 @@ impl Rounds {
         self.number >= enough
             && !behind.any(|(link, since)| *since < enough && !given_up(link, since))
     }
+
+    /// Takes in that what lay there before a round was waited for in vain.
+    fn give_up(&mut self, enough: u64) {
+        self.given_up = self.behind.clone();
+        self.given_up.retain(|_, since| *since < enough);
+    }
 }
 
 impl Inbox {
@@ -125,7 +131,7 @@ impl Inbox {
         if let Ok((mut rounds, waited)) = self.another.wait_timeout_while(rounds, limit, before)
             && waited.timed_out()
         {
-            rounds.given_up = rounds.behind.clone();
+            rounds.give_up(enough);
         }
     }
 
@@ -364,6 +370,20 @@ mod tests {
         scene.publisher.write_all(&message[bytes % message.len()..]).unwrap();
         scene.inbox.sweep(LIMIT);
         assert_eq!(scene.messages(), published, "{bytes}");
+    }
+
+    #[test]
+    fn a_sweep_gives_up_no_connection_that_it_did_not_wait_for() {
+        // The second one's message began after what the sweep waited for.
+        let behind = BTreeMap::from([(1, 0), (2, 7)]);
+        let mut rounds = Rounds { number: 8, behind, given_up: BTreeMap::new() };
+        assert!(!rounds.have_read(5));
+        rounds.give_up(5);
+        assert!(rounds.have_read(5));
+        rounds.number = 10;
+        assert!(!rounds.have_read(10));
+        rounds.behind.remove(&2);
+        assert!(rounds.have_read(10));
     }
 
     #[test]
