@@ -177,6 +177,7 @@ mod tests {
         assert!(begun.elapsed() < 6 * ASK, "{:?}", begun.elapsed());
         assert_eq!((known.len(), found), (8, vec![Found::Unreachable; 8]));
     }
+
     /// A request or an answer of HTTP.
     fn message(from: &mut TcpStream) -> Vec<u8> {
         let (mut all, mut byte) = (Vec::new(), [0]);
