@@ -290,3 +290,17 @@ def test_a_program_has_the_name_of_its_module_s_folder() -> None:
         ClusterError, match="no program nothing: it can be crane, helm-unittest, kubeadm"
     ):
         builds.named("nothing")
+
+
+def test_all_that_make_test_builds_shares_the_compiler_s_settings() -> None:
+    makefile = Path(__file__).parents[2] / "Makefile"
+    rule = makefile.read_text().partition("\ntest-programs:")[2].partition("\n\n")[0]
+    folders = rule.partition(" build ")[2].split()
+    assert "versitygw" in folders
+    programs = [*builds.PROGRAMS, *map(builds.named, folders)]
+    assert {program.compiler for program in programs} == {builds.QUICK_TO_COMPILE}
+
+
+@pytest.mark.parametrize("peer", [builds.SPARK_OPERATOR, builds.KWOK])
+def test_what_is_measured_has_its_authors_settings(peer: builds.Program) -> None:
+    assert peer.compiler == ""
