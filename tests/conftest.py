@@ -1,4 +1,4 @@
-"""Which tests share a process when several run beside each other, and what each of them took."""
+"""Tests in lanes beside each other, and what each of them took."""
 
 import json
 import os
@@ -8,18 +8,10 @@ from pathlib import Path
 
 import pytest
 from xdist.remote import Producer
-from xdist.scheduler import LoadScopeScheduling
 
+from tests.lanes import Clocking, Lanes, Times
 from tests.times import Meter
 
-# Folders whose tests share servers that are dear to start; elsewhere those of a file stay together.
-# The first that a file is in counts: operators have an API server of their own, for its time.
-SHARING = (
-    "tests/integration/binpipe",
-    "tests/integration/control_plane/operators",
-    "tests/integration/control_plane",
-    "tests/integration/storage",
-)
 TIMES = "BAGPIPE_TEST_TIMES"
 
 
@@ -29,22 +21,12 @@ def pytest_configure() -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def lane(file: str) -> str:
-    """What runs in one process with a file of tests; paths from the project's root."""
-    return next((folder for folder in SHARING if file.startswith(f"{folder}/")), file)
-
-
-class Lanes(LoadScopeScheduling):  # type: ignore[misc]  # xdist has no types
-    """Gives a process the tests of a lane; those with most tests first."""
-
-    def _split_scope(self, nodeid: str) -> str:
-        return lane(nodeid.partition("::")[0])
-
-
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> Lanes:
     """For `--dist loadscope`: loadgroup groups nothing with pytest 9.2 (pytest-xdist#1386)."""
-    return Lanes(config, log)
+    times = Times(Path(os.environ.get("BAGPIPE_CACHE") or Path.home() / ".cache/bagpipe") / "lanes")
+    config.pluginmanager.register(Clocking(times))
+    return Lanes(config, log, times)
 
 
 def pytest_make_parametrize_id(val: object, argname: str) -> str | None:

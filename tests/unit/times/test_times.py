@@ -1,4 +1,4 @@
-"""The reported times of the tests are those that they took, and each test has its lane."""
+"""The reported times of the tests are those that they took, and tests of a lane run together."""
 
 import gzip
 import json
@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.conftest import TIMES, lane, pytest_make_parametrize_id
+from tests.conftest import TIMES, pytest_make_parametrize_id
 from tests.times import Meter, table
 
 ROOT = Path(__file__).parents[3]
@@ -47,23 +47,6 @@ def test_a_meter_counts_the_processes_that_were_waited_for() -> None:
     assert took["seconds"] >= 0.3
 
 
-@pytest.mark.parametrize(
-    ("place", "expected"),
-    [
-        ("tests/integration/control_plane/test_crd.py", "tests/integration/control_plane"),
-        (
-            "tests/integration/control_plane/operators/test_life.py",
-            "tests/integration/control_plane/operators",
-        ),
-        ("tests/integration/test_lockstep.py", "tests/integration/test_lockstep.py"),
-        ("tests/e2e/test_scenes.py", "tests/e2e/test_scenes.py"),
-        ("tests/unit/cli/test_run.py", "tests/unit/cli/test_run.py"),
-    ],
-)
-def test_tests_that_share_servers_are_in_one_lane(place: str, expected: str) -> None:
-    assert lane(place) == expected
-
-
 @pytest.mark.parametrize("value", [gzip.compress(b"{"), b"\xff", b"\x00", b"two\nlines"])
 def test_bytes_that_cant_be_read_name_no_test(value: bytes, request: pytest.FixtureRequest) -> None:
     """Two collections of a gzip file, in different seconds, had tests of different names."""
@@ -87,6 +70,7 @@ def test_a_lane_runs_in_one_process(tmp_path: Path) -> None:
     assert words
     options = words[1].replace("$(or $(LANES),$(PROCESSORS))", "3").split()
     environment = {name: value for name, value in os.environ.items() if name != TIMES}
+    environment["BAGPIPE_CACHE"] = str(tmp_path / "cache")
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-v", "--rootdir", ".", *options, "tests"],
         cwd=tmp_path, env=environment | {"PYTHONPATH": str(ROOT)},
@@ -100,3 +84,5 @@ def test_a_lane_runs_in_one_process(tmp_path: Path) -> None:
     assert [len(processes) for processes in by_file.values()] == [1, 1, 1, 1]
     assert by_file["a"] == by_file["b"]
     assert len({process for process, _ in ran}) == 3
+    kept = {path.name for path in (tmp_path / "cache/lanes").iterdir()}
+    assert kept == {"tests-integration-storage", "tests-test_c.py", "tests-test_d.py"}
