@@ -156,7 +156,8 @@ def test_the_courses_of_a_case_have_a_bound_together() -> None:
         assert set(lengths[:passed]) <= {min(MOST_PASSED_POINTS, most) // 2 * 2}
         most = MOST_POINTS_OF_ALL // failed if failed else 0
         assert all(min(MOST_POINTS, most) - 5 <= each <= most for each in lengths[passed:])
-    rows = [each.as_row() for each in evaluate(passing * 20 + failing * 80, evidence(recorded))]
+    rows = [each.as_row() for each in found]
+    assert len(rows) == 100
     assert sum(len(json.dumps(row["course"]["points"])) for row in rows) < 50_000
 
 
