@@ -45,7 +45,7 @@ endif
 LAPTOP := $(if $(filter demo first-verdict,$(MAKECMDGOALS)),laptop)
 
 # What needs all packages gets them first: a compiler may be among them, or be replaced.
-ALL_PACKAGES := test set-up test-rust test-integration test-liars bench
+ALL_PACKAGES := test prepare set-up test-rust test-integration test-liars bench
 
 # Each step's seconds, for the summary; who calls make several times gives one file to all, and sums up.
 ifndef BAGPIPE_STEPS
@@ -111,18 +111,33 @@ ifdef K
 test: preflight-all venv tools ## Set everything up, run all tests (K=resume: only those of that name)
 	$(STEP) "Testing $(K)" -- $(PYTEST) tests/unit tests/cluster tests/integration tests/liars -k "$(K)"
 else
-# What computes comes first. Of what waits for sockets and nodes two halves run beside each other; whole
-# jobs on the cluster run beside nothing but each other.
+# What computes runs at a lower priority beside what waits: for sockets and nodes first, then for whole
+# jobs on the cluster. What measures the machine runs beside nothing: before all of it, or behind it
+# where it needs the cluster.
 test: set-up
-	@$(MAKE) test-python
-	@$(MAKE) test-real-parts AND=tests/liars
-	@$(MAKE) test-e2e
+	@$(MAKE) test-together-alone
+	@$(MAKE) test-beside
+	@$(MAKE) test-jobs-alone
 	$(SUMMARY)
 endif
 
+.PHONY: test-beside
+test-beside: AT_ITS_END := --output-at-its-end
+test-beside: PRIORITY := nice -n 5
+test-beside: test-python test-what-waits
+
+.PHONY: test-what-waits
+test-what-waits:
+	@$(MAKE) test-real-parts AND=tests/liars
+	@$(MAKE) test-jobs
+
 .PHONY: test-real-parts
 test-real-parts: AT_ITS_END := --output-at-its-end
-test-real-parts: test-rust test-integration
+test-real-parts: test-rust test-together
+
+# Of a clean checkout: the compilers of lint, site and tests fill each other's waits.
+.PHONY: prepare
+prepare: lint docs set-up ## Check style, build the documentation and all that tests need, at once
 
 .PHONY: set-up
 set-up: preflight-all venv tools test-programs test-agent fastdds npm-packages recording images ## Build all that tests need, at once
@@ -159,7 +174,7 @@ kubernetes: machine
 
 .PHONY: test-python
 test-python: venv tools test-programs ## Run the Python unit tests (part of test)
-	$(STEP) "Testing the Python packages and the cluster's parts" -- $(PYTEST) $(BESIDE) tests/unit tests/cluster
+	$(STEP) "Testing the Python packages and the cluster's parts" $(AT_ITS_END) -- $(PRIORITY) $(PYTEST) $(BESIDE) tests/unit tests/cluster
 
 .PHONY: recording
 recording: preflight ## Fetch the real recording that the tests play
@@ -172,7 +187,7 @@ TEST_AGENT := env -u MAKEFLAGS -C images/agent CARGO_TARGET_DIR="$(BAGPIPE_CACHE
 test-agent: preflight-all
 	python3 images/build/claim.py "$(BAGPIPE_CACHE)/cargo-debug"
 	$(STEP) "Compiling the agent's tests" --if-it-fails "Is the crates' registry reachable? Then run it again." -- \
-	  $(TEST_AGENT) --quiet --no-run
+	  nice $(TEST_AGENT) --quiet --no-run
 
 # Another implementation of DDS than the stand-in of ROS 2 has: 4 s.
 .PHONY: fastdds
@@ -209,8 +224,15 @@ test-rust: recording test-agent fastdds npm-packages ## Run the agent's tests, a
 	$(STEP) "Testing the agent" $(AT_ITS_END) -- $(TEST_AGENT) --no-fail-fast
 
 .PHONY: test-integration
-test-integration: preflight-all venv test-programs recording agent ## Run worker, agent and real nodes together (part of test)
+test-integration: test-together ## Run worker, agent and real nodes together (part of test)
+	@$(MAKE) test-together-alone
+
+.PHONY: test-together
+test-together: preflight-all venv test-programs recording agent
 	$(STEP) "Testing worker, agent and real nodes" -- $(PYTEST) $(BESIDE_WAITING) -m "not alone and not slow" tests/integration $(AND)
+
+.PHONY: test-together-alone
+test-together-alone: preflight-all venv test-programs recording agent
 	$(STEP) "Testing what measures the machine" -- $(PYTEST) -m alone tests/integration
 
 # Not part of test: it needs a ROS 2, sourced or as an image, which is asked for before anything is
@@ -227,8 +249,15 @@ test-liars: preflight-all venv ## Put stacks that lie, and odd honest ones, befo
 	$(STEP) "Testing that no liar passes" -- $(PYTEST) tests/liars
 
 .PHONY: test-e2e
-test-e2e: cluster install ## Run whole jobs on the cluster (part of test)
+test-e2e: test-jobs ## Run whole jobs on the cluster (part of test)
+	@$(MAKE) test-jobs-alone
+
+.PHONY: test-jobs
+test-jobs: cluster install
 	$(STEP) "Testing whole jobs on Kubernetes" -- $(PYTEST) $(BESIDE_WAITING) tests/e2e -m "not (slow or nodes or alone)"
+
+.PHONY: test-jobs-alone
+test-jobs-alone: cluster install
 	$(STEP) "Testing how soon trouble is reported" -- $(PYTEST) tests/e2e -m "alone and not slow"
 
 .PHONY: test-slow
@@ -280,8 +309,17 @@ mutants-rust: venv ## Break the agent's deciders, and name the breaks that no un
 	  .venv/bin/python -m tests.mutation.rust $(FILES)
 
 .PHONY: lint
-lint: venv tools ## Check style and types of everything
+lint: lint-sources lint-charts ## Check style and types of everything
+
+.PHONY: lint-sources
+lint-sources: venv
 	$(STEP) "Linting" -- tests/lint.sh
+
+# By helm itself, which is built with Kubernetes.
+.PHONY: lint-charts
+lint-charts: tools
+	$(STEP) "Linting the charts" -- bash -euc 'helm lint --quiet --namespace bagpipe-system charts/bagpipe; \
+	  helm lint --quiet --namespace lanes charts/bagpipe-namespace'
 
 .PHONY: docs
 docs: venv ## Build the documentation's site into build/docs; a dead link is an error
@@ -332,13 +370,15 @@ agent: preflight
 	$(STEP) "Building the agent" --if-it-fails "Is the crates' registry reachable? Then run it again." -- \
 	  python3 images/build/agent.py
 
-# At a lower priority than the agent, which the first verdict waits for.
+# Of the demonstration at a lower priority than the agent, which the first verdict waits for. Before tests
+# nothing else takes as long one thing after the other.
 .PHONY: images
+images: FOR_IMAGES := $(if $(LAPTOP),nice -n 15)
 images: preflight $(VENV) ## Build all images (`make cluster` loads them)
 ifeq ($(CLUSTER),kind)
-	$(STEP) "Building images" -- nice -n 15 python3 images/build/build.py --engine docker --no-archives $(WANTED_IMAGES)
+	$(STEP) "Building images" -- $(FOR_IMAGES) python3 images/build/build.py --engine docker --no-archives $(WANTED_IMAGES)
 else
-	$(STEP) "Building images" -- nice -n 15 python3 images/build/build.py $(WANTED_IMAGES)
+	$(STEP) "Building images" -- $(FOR_IMAGES) python3 images/build/build.py $(WANTED_IMAGES)
 endif
 
 .PHONY: plugin

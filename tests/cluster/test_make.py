@@ -77,3 +77,33 @@ def test_a_release_for_this_machine_alone_gets_no_other_compiler(two: str) -> No
         assert re.findall(r"Getting compilers.*preflight ?(.*)$", text, re.MULTILINE) == (
             ["cross"] * times
         )
+
+
+def test_what_measures_the_machine_and_whole_jobs_run_after_one_another() -> None:
+    steps = re.findall(r'"(Testing [^"]*)"', made("test"))
+    assert steps == [
+        "Testing what measures the machine",
+        "Testing the Python packages and the cluster's parts",
+        "Testing the agent",
+        "Testing worker, agent and real nodes",
+        "Testing whole jobs on Kubernetes",
+        "Testing how soon trouble is reported",
+    ]
+
+
+def test_unit_tests_give_way_to_what_runs_beside_them_and_to_nothing_else() -> None:
+    beside, alone = (
+        re.search(r"Testing the Python .*$", made(goal), re.MULTILINE)
+        for goal in ("test-beside", "test-python")
+    )
+    assert beside is not None
+    assert alone is not None
+    assert "--output-at-its-end -- nice -n 5 .venv" in beside[0]
+    assert "nice" not in alone[0]
+    assert "--output-at-its-end" not in alone[0]
+
+
+@pytest.mark.parametrize(("goal", "priority"), [("demo", "nice -n 15 "), ("prepare", "")])
+def test_images_give_way_to_the_first_verdict_alone(goal: str, priority: str) -> None:
+    text = made(goal)
+    assert re.search(rf'"Building images" --\s+{priority}python3 images/build/build.py', text)
