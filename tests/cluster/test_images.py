@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import subprocess
 import threading
 import zipfile
 from concurrent.futures import ThreadPoolExecutor
@@ -208,17 +209,52 @@ def test_the_same_sources_give_the_same_wheel(tmp_path: Path) -> None:
     assert held == {"__init__.py", "__init__.pyi", "bagpipe_bag.abi3.so", "py.typed"}
 
 
+class Checkout:
+    """A workspace of one program, which prints a word."""
+
+    def __init__(self, root: Path, word: str) -> None:
+        self.root = root
+        self.source = root / "images/agent/crates/a/src/main.rs"
+        self.source.parent.mkdir(parents=True)
+        package = '[package]\nname = "bagpipe-a"\nversion = "0.1.0"\nedition = "2024"\n'
+        (self.source.parents[1] / "Cargo.toml").write_text(package)
+        workspace = '[workspace]\nmembers = ["crates/a"]\nresolver = "3"\n'
+        (root / "images/agent/Cargo.toml").write_text(workspace)
+        self.source.write_text(f'fn main() {{ println!("{word}") }}\n')
+
+    def printed(self, target: Path) -> tuple[str, bool]:
+        """What the program prints that cargo leaves there, and whether it was compiled now."""
+        built = subprocess.run(
+            ["cargo", "build", "--offline"],
+            cwd=self.root / "images/agent",
+            env={**os.environ, "CARGO_TARGET_DIR": str(target)},
+            capture_output=True, text=True, timeout=120, check=True,
+        )  # fmt: skip
+        program = [str(target / "debug/bagpipe-a")]
+        word = subprocess.run(program, capture_output=True, text=True, timeout=60, check=True)
+        return word.stdout.strip(), "Compiling" in built.stderr
+
+
 def test_of_two_checkouts_that_share_a_cache_each_builds_its_own_sources(tmp_path: Path) -> None:
-    target, roots = tmp_path / "cargo", [tmp_path / "one", tmp_path / "two"]
-    for root in roots:
-        (root / "images/agent/crates/a/src").mkdir(parents=True)
-        source = root / "images/agent/crates/a/src/lib.rs"
-        source.touch()
-        os.utime(source, (0, 0))
-    claimed = [claim.claim(target, root) for root in [*roots, roots[1], roots[0]]]
-    assert claimed == [True, True, False, True]
-    times = [(root / "images/agent/crates/a/src/lib.rs").stat().st_mtime for root in roots]
-    assert times[0] >= times[1] > 0
+    target = tmp_path / "cargo"
+    one, two = (Checkout(tmp_path / word, word) for word in ("one", "two"))
+    # Older than all that is built, as the sources of a checkout are where another builds later.
+    os.utime(two.source, (1, 1))
+    for checkout, claimed in ((one, True), (one, False), (two, True), (one, True), (two, True)):
+        assert claim.claim(target, checkout.root) == claimed
+        assert checkout.printed(target) == (checkout.source.read_text().split('"')[1], claimed)
+
+
+def test_a_claim_makes_nothing_old_that_was_built_elsewhere(tmp_path: Path) -> None:
+    # The tests of a new clone were compiled twice: the images' folder was claimed meanwhile.
+    first, second = tmp_path / "cargo-debug", tmp_path / "cargo"
+    Checkout(tmp_path / "before", "before").printed(second)
+    clone = Checkout(tmp_path / "clone", "clone")
+    assert claim.claim(first, clone.root)
+    assert clone.printed(first) == ("clone", True)
+    assert claim.claim(second, clone.root)
+    assert clone.printed(first) == ("clone", False)
+    assert clone.printed(second) == ("clone", True)
 
 
 def test_only_the_spark_image_gets_the_native_module(
