@@ -18,6 +18,8 @@ TALLIES = (*OUTCOMES, "crashed", "lost", "discarded", "quarantined")
 
 def is_finite(number: Any) -> bool:
     """Whether it is a number that a page can show: rows may be anybody's."""
+    if type(number) is float:  # as nearly all are, of millions
+        return math.isfinite(number)
     if isinstance(number, bool) or not isinstance(number, int | float):
         return False
     try:

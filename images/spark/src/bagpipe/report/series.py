@@ -72,6 +72,4 @@ def _list(value: Any) -> list[Any]:
 
 
 def _is_point(point: Any, length: int = 2) -> bool:
-    if not isinstance(point, list) or len(point) != length:
-        return False
-    return all(is_finite(each) for each in point)
+    return isinstance(point, list) and len(point) == length and all(map(is_finite, point))
