@@ -121,6 +121,10 @@ test: set-up
 	$(SUMMARY)
 endif
 
+# The caller's environment may have variables of these names.
+AT_ITS_END :=
+PRIORITY :=
+
 .PHONY: test-beside
 test-beside: AT_ITS_END := --output-at-its-end
 test-beside: PRIORITY := nice -n 5

@@ -16,7 +16,9 @@ CRATES = ROOT / "images/agent/crates"
 
 def made(*arguments: str) -> str:
     """What make would do, as text."""
-    environment = {name: os.environ[name] for name in ("PATH", "HOME") if name in os.environ}
+    environment = {
+        name: os.environ[name] for name in ("PATH", "HOME", "PRIORITY") if name in os.environ
+    }
     command = ["make", "--dry-run", "--always-make", *arguments]
     done = subprocess.run(
         command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=60, check=True
@@ -91,7 +93,10 @@ def test_what_measures_the_machine_and_whole_jobs_run_after_one_another() -> Non
     ]
 
 
-def test_unit_tests_give_way_to_what_runs_beside_them_and_to_nothing_else() -> None:
+def test_unit_tests_give_way_to_what_runs_beside_them_and_to_nothing_else(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("PRIORITY", "nice high")
     beside, alone = (
         re.search(r"Testing the Python .*$", made(goal), re.MULTILINE)
         for goal in ("test-beside", "test-python")
