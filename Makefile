@@ -111,29 +111,19 @@ ifdef K
 test: preflight-all venv tools ## Set everything up, run all tests (K=resume: only those of that name)
 	$(STEP) "Testing $(K)" -- $(PYTEST) tests/unit tests/cluster tests/integration tests/liars -k "$(K)"
 else
-# What computes runs at a lower priority beside what waits: for sockets and nodes first, then for whole
-# jobs on the cluster. What measures the machine runs beside nothing: before all of it, or behind it
-# where it needs the cluster.
+# What computes comes first, and what measures the machine before it. Of what waits for sockets and nodes
+# two halves run beside each other; whole jobs on the cluster run beside nothing but each other. (More at
+# once took as long: there are no waits left to fill, and each test then has a fourth of the machine.)
 test: set-up
 	@$(MAKE) test-together-alone
-	@$(MAKE) test-beside
-	@$(MAKE) test-jobs-alone
+	@$(MAKE) test-python
+	@$(MAKE) test-real-parts AND=tests/liars
+	@$(MAKE) test-e2e
 	$(SUMMARY)
 endif
 
-# The caller's environment may have variables of these names.
+# The caller's environment may have a variable of this name.
 AT_ITS_END :=
-PRIORITY :=
-
-.PHONY: test-beside
-test-beside: AT_ITS_END := --output-at-its-end
-test-beside: PRIORITY := nice -n 5
-test-beside: test-python test-what-waits
-
-.PHONY: test-what-waits
-test-what-waits:
-	@$(MAKE) test-real-parts AND=tests/liars
-	@$(MAKE) test-jobs
 
 .PHONY: test-real-parts
 test-real-parts: AT_ITS_END := --output-at-its-end
@@ -178,7 +168,7 @@ kubernetes: machine
 
 .PHONY: test-python
 test-python: venv tools test-programs ## Run the Python unit tests (part of test)
-	$(STEP) "Testing the Python packages and the cluster's parts" $(AT_ITS_END) -- $(PRIORITY) $(PYTEST) $(BESIDE) tests/unit tests/cluster
+	$(STEP) "Testing the Python packages and the cluster's parts" -- $(PYTEST) $(BESIDE) tests/unit tests/cluster
 
 .PHONY: recording
 recording: preflight ## Fetch the real recording that the tests play
@@ -253,15 +243,8 @@ test-liars: preflight-all venv ## Put stacks that lie, and odd honest ones, befo
 	$(STEP) "Testing that no liar passes" -- $(PYTEST) tests/liars
 
 .PHONY: test-e2e
-test-e2e: test-jobs ## Run whole jobs on the cluster (part of test)
-	@$(MAKE) test-jobs-alone
-
-.PHONY: test-jobs
-test-jobs: cluster install
+test-e2e: cluster install ## Run whole jobs on the cluster (part of test)
 	$(STEP) "Testing whole jobs on Kubernetes" -- $(PYTEST) $(BESIDE_WAITING) tests/e2e -m "not (slow or nodes or alone)"
-
-.PHONY: test-jobs-alone
-test-jobs-alone: cluster install
 	$(STEP) "Testing how soon trouble is reported" -- $(PYTEST) tests/e2e -m "alone and not slow"
 
 .PHONY: test-slow

@@ -17,7 +17,7 @@ CRATES = ROOT / "images/agent/crates"
 def made(*arguments: str) -> str:
     """What make would do, as text."""
     environment = {
-        name: os.environ[name] for name in ("PATH", "HOME", "PRIORITY") if name in os.environ
+        name: os.environ[name] for name in ("PATH", "HOME", "AT_ITS_END") if name in os.environ
     }
     command = ["make", "--dry-run", "--always-make", *arguments]
     done = subprocess.run(
@@ -93,19 +93,17 @@ def test_what_measures_the_machine_and_whole_jobs_run_after_one_another() -> Non
     ]
 
 
-def test_unit_tests_give_way_to_what_runs_beside_them_and_to_nothing_else(
+def test_what_runs_beside_another_is_printed_at_its_end_and_nothing_else(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setenv("PRIORITY", "nice high")
+    monkeypatch.setenv("AT_ITS_END", "high")
     beside, alone = (
-        re.search(r"Testing the Python .*$", made(goal), re.MULTILINE)
-        for goal in ("test-beside", "test-python")
+        re.search(r'"Testing the agent" (.*) -- env', made(goal))
+        for goal in ("test-real-parts", "test-rust")
     )
     assert beside is not None
     assert alone is not None
-    assert "--output-at-its-end -- nice -n 5 .venv" in beside[0]
-    assert "nice" not in alone[0]
-    assert "--output-at-its-end" not in alone[0]
+    assert (beside[1], alone[1].strip()) == ("--output-at-its-end", "")
 
 
 @pytest.mark.parametrize(("goal", "priority"), [("demo", "nice -n 15 "), ("prepare", "")])
