@@ -271,7 +271,7 @@ test-nodes:
 endif
 
 .PHONY: bench
-bench: preflight-all venv ## Measure beside the peers (BENCH=bag, play, binpipe, cache, scale, fleets, operator, gate, spark_start, start, tail or ros2)
+bench: preflight-all venv ## Measure beside the peers (BENCH=bag, play, binpipe, cache, scale, fleets, operator, gate, report, spark_start, start, tail or ros2)
 	$(STEP) "Measuring" -- .venv/bin/python tests/bench/run.py $(BENCH)
 
 .PHONY: fuzz

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -18,19 +19,28 @@ _FLAGS = (
 )  # fmt: skip
 
 
-@pytest.fixture(scope="session")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[webdriver.Chrome]:
-    """One browser for all tests beside this fixture's user; its console is kept."""
+@contextmanager
+def started(profile: Path) -> Iterator[webdriver.Chrome]:
+    """A browser that keeps its console, and what it has to keep in that folder."""
     options = Options()
     options.binary_location = "/usr/bin/chromium"
-    for flag in (*_FLAGS, f"--user-data-dir={tmp_path_factory.mktemp('chromium')}"):
+    for flag in (*_FLAGS, f"--user-data-dir={profile}"):
         options.add_argument(flag)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
     driver = webdriver.Chrome(options=options, service=Service("/usr/bin/chromedriver"))
-    driver.set_page_load_timeout(180)
-    driver.set_script_timeout(180)
-    yield driver
-    driver.quit()
+    try:
+        driver.set_page_load_timeout(180)
+        driver.set_script_timeout(180)
+        yield driver
+    finally:
+        driver.quit()
+
+
+@pytest.fixture(scope="session")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[webdriver.Chrome]:
+    """One browser for all tests beside this fixture's user."""
+    with started(tmp_path_factory.mktemp("chromium")) as driver:
+        yield driver
 
 
 @contextmanager

@@ -18,26 +18,14 @@ from selenium.webdriver.support.ui import Select, WebDriverWait
 from tests.integration.chromium import logged, requests, screen
 from tests.integration.report import drives
 from tests.integration.report.drives import drive_rows, report_of
+from tests.integration.report.keystrokes import typed
 from tests.waiting import PATIENCE, wait_until
 
 pytestmark = pytest.mark.integration
 
 URI = "pvc://results/out/lane-nightly/u"
-# The slowest keystroke allowed; a person notices more. Some 20 ms were measured.
-MOST_MILLISECONDS = 200
-MOST_TURNS = 10
-TIMED_SEARCH = """
-const [word, done] = arguments, field = document.getElementById('search'), took = [];
-const type = (length) => {
-  if (length > word.length) return done(took);
-  const begun = performance.now();
-  field.value = word.slice(0, length);
-  field.dispatchEvent(new Event('input', {bubbles: true}));
-  document.body.offsetHeight;
-  requestAnimationFrame(() => setTimeout(() => { took.push(performance.now() - begun); type(length + 1); }));
-};
-type(1);
-"""  # noqa: E501
+# Some 1,200 are there, of 1,000 cases as of 10,000.
+MOST_ELEMENTS = 1_500
 
 
 def opened(
@@ -49,19 +37,6 @@ def opened(
     logged(browser, "browser")
     browser.get(page.as_uri())
     return made
-
-
-def timed_search(browser: webdriver.Chrome, word: str) -> list[float]:
-    """Milliseconds of each keystroke of a search. Of several turns the shortest: a page that is
-    slow is so in each, and who took the processor meanwhile is not its fault.
-    """
-    shortest: list[float] = browser.execute_async_script(TIMED_SEARCH, word)
-    for turn in range(1, MOST_TURNS):
-        if turn >= 3 and max(shortest) < MOST_MILLISECONDS:
-            break
-        again = browser.execute_async_script(TIMED_SEARCH, word)
-        shortest = [min(keystroke) for keystroke in zip(shortest, again, strict=True)]
-    return shortest
 
 
 def text_of(browser: webdriver.Chrome, css: str) -> str:
@@ -234,25 +209,21 @@ def test_the_table_is_used_with_keys(browser: webdriver.Chrome, page: Path) -> N
     assert len(browser.find_elements(By.CSS_SELECTOR, ".grid .space .row")) < 60
 
 
-def test_ten_thousand_cases_stay_quick(
-    browser: webdriver.Chrome, page: Path, capsys: pytest.CaptureFixture[str]
+def test_of_ten_thousand_cases_the_browser_holds_what_is_seen(
+    browser: webdriver.Chrome, page: Path
 ) -> None:
     made = opened(browser, page, drive_rows(10_000))
-    loaded = browser.execute_script(
-        "const [n] = performance.getEntriesByType('navigation'); return n.loadEventEnd"
-    )
-    took = timed_search(browser, "0123-heavy-35-pr-812")
+    assert len(made) < 10_000_000
+    typed(browser, "0123-heavy-35-pr-812")
     assert found(browser) == "1 of 10,000 cases"
     browser.find_element(By.ID, "clear").click()
-    took += timed_search(browser, "lane rate 7.")
-    with capsys.disabled():
-        print(
-            f"\nreport of 10,000 cases: {len(made) / 1e6:.2f} MB, drawn after {loaded:.0f} ms;"
-            f" {len(took)} keystrokes, slowest {max(took):.0f} ms,"
-            f" median {sorted(took)[len(took) // 2]:.0f} ms"
-        )
-    assert len(made) < 10_000_000
-    assert max(took) < MOST_MILLISECONDS
+    assert found(browser) == "10,000 of 10,000 cases"
+    typed(browser, "lane rate 7.")
+    assert 100 < int(found(browser).split(" of ")[0].replace(",", "")) < 9_900
+    # A keystroke's time grows with these; in seconds it is a bench's (BENCH=report).
+    assert len(browser.find_elements(By.CSS_SELECTOR, ".grid .space .row")) < 60
+    elements = browser.execute_script("return document.querySelectorAll('*').length")
+    assert elements < MOST_ELEMENTS
     assert logged(browser, "browser") == []
 
 
@@ -475,7 +446,7 @@ def test_of_twenty_thousand_cases_the_page_says_what_it_leaves_out(
     assert f"which has {len(shown):,} of 20,000 cases in full" in case.text
     for word in ("messages sent", "Seconds of its parts", "play", "20"):
         assert word in case.text
-    assert timed_search(browser, "0123-heavy-35-pr-812")
+    assert typed(browser, "0123-heavy-35-pr-812")
     assert logged(browser, "browser") == []
 
 
