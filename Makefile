@@ -146,6 +146,7 @@ watch: venv ## Check what differs from SINCE=HEAD whenever a file is saved, unti
 
 .PHONY: test-one
 test-one: venv $(if $(filter tests/e2e/%,$(T)),cluster install) ## Run one test: T=FILE or T=FILE::NAME, in Python or Rust
+	$(CLAIM)
 	@env -u MAKEFLAGS CARGO_TARGET_DIR="$(BAGPIPE_CACHE)/cargo-debug" .venv/bin/python -m tests.quick.one $(T)
 
 .PHONY: fmt
@@ -175,11 +176,13 @@ recording: preflight ## Fetch the real recording that the tests play
 	$(STEP) "Getting the PR2 recording" --if-it-fails "Is the Debian mirror reachable? Then run it again." -- \
 	  python3 -m tests.recording
 
+# Else what another checkout has built there would be taken for this one's.
+CLAIM = @python3 images/build/claim.py "$(BAGPIPE_CACHE)/cargo-debug"
 TEST_AGENT := env -u MAKEFLAGS -C images/agent CARGO_TARGET_DIR="$(BAGPIPE_CACHE)/cargo-debug" cargo test --locked --workspace
 
 .PHONY: test-agent
 test-agent: preflight-all
-	python3 images/build/claim.py "$(BAGPIPE_CACHE)/cargo-debug"
+	$(CLAIM)
 	$(STEP) "Compiling the agent's tests" --if-it-fails "Is the crates' registry reachable? Then run it again." -- \
 	  nice $(TEST_AGENT) --quiet --no-run
 
@@ -300,6 +303,7 @@ lint: lint-sources lint-charts ## Check style and types of everything
 
 .PHONY: lint-sources
 lint-sources: venv
+	$(CLAIM)
 	$(STEP) "Linting" -- tests/lint.sh
 
 # By helm itself, which is built with Kubernetes.

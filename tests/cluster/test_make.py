@@ -110,3 +110,19 @@ def test_what_runs_beside_another_is_printed_at_its_end_and_nothing_else(
 def test_images_give_way_to_the_first_verdict_alone(goal: str, priority: str) -> None:
     text = made(goal)
     assert re.search(rf'"Building images" --\s+{priority}python3 images/build/build.py', text)
+
+
+@pytest.mark.parametrize(
+    ("goal", "step"),
+    [
+        ("test-rust", r'"Compiling the agent\'s tests"'),
+        ("lint-sources", '"Linting"'),
+        ("test-one", r"-m tests\.quick\.one"),
+    ],
+)
+def test_no_checkout_takes_what_another_has_built_for_its_own(goal: str, step: str) -> None:
+    text = made(goal, "T=images/agent/crates/replay/tests/rest.rs")
+    claimed = [at.start() for at in re.finditer("claim.py .*cargo-debug", text)]
+    (begun,) = (at.start() for at in re.finditer(step, text))
+    assert len(claimed) == 1
+    assert claimed[0] < begun
