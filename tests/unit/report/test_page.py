@@ -152,6 +152,40 @@ def test_a_case_that_is_too_large_loses_its_last_courses() -> None:
     assert detail["left"] + len(detail["series"]) == 60
 
 
+_NUMBER = st.one_of(
+    st.floats(width=16), st.integers(-3, 3), st.booleans(), st.sampled_from([10**400, "1", None])
+)
+_POINT = st.one_of(
+    st.lists(st.floats(0, 9), min_size=2, max_size=2), st.lists(_NUMBER, max_size=3),
+    st.tuples(st.just(1.0), st.just(2.0)), st.just("ab"), st.just({"x": 1, "y": 2}),
+)  # fmt: skip
+
+
+@given(st.lists(_POINT, max_size=6))
+@example([[1.0, 2.0], [1.0, math.nan]])
+@example([[1.0, 2.0], [True, 1.0]])
+@example([[1.0, 2.0], [10**400, 1]])
+@example([[1.0, 2.0], (1.0, 2.0)])
+@example([[1.0, 2.0], [1.0, 2.0, 3.0], [1.0]])
+def test_a_course_keeps_all_points_that_are_two_finite_numbers_and_no_other(
+    points: list[Any],
+) -> None:
+    found = finding("failed", 1.0) | {"course": {"points": points}}
+    [drawn] = series_of(make_row("a", "failed", criteria=[found]))
+    assert drawn["points"] == [
+        point for point in points
+        if isinstance(point, list) and len(point) == 2
+        and all(type(each) in (int, float) and abs(each) < 1e300 for each in point)
+    ]  # fmt: skip
+
+
+def test_a_course_has_400_points_at_most() -> None:
+    for points in ([[n, 1.0] for n in range(500)], [[True, 1.0], *([n, 1.0] for n in range(500))]):
+        found = finding("failed", 1.0) | {"course": {"points": points}}
+        [drawn] = series_of(make_row("a", "failed", criteria=[found]))
+        assert drawn["points"] == [[n, 1.0] for n in range(400)]
+
+
 def test_what_a_course_holds_is_checked() -> None:
     evil: dict[str, Any] = {
         "label": "l" * 900, "unit": 7, "low": math.nan, "high": "x", "step": 1,

@@ -1,6 +1,8 @@
 """Courses of criteria as the page draws them: checked, since rows may be anybody's. Pure."""
 
 from collections.abc import Mapping
+from itertools import chain
+from math import isfinite
 from typing import Any
 
 from bagpipe.moments import moment_of
@@ -33,7 +35,7 @@ def _drawn(finding: Mapping[str, Any]) -> dict[str, Any] | None:
         return None
     points, odd = course.get("points"), course.get("odd")
     clean = {
-        "points": [list(point) for point in _list(points) if _is_point(point)][:_MOST_POINTS],
+        "points": _points(points),
         "odd": [seconds for seconds in _list(odd) if is_finite(seconds)][:_MOST_ODD],
         "low": course.get("low") if is_finite(course.get("low")) else None,
         "high": course.get("high") if is_finite(course.get("high")) else None,
@@ -54,7 +56,10 @@ def _plane(plane: Any) -> dict[str, Any]:
     if not isinstance(plane, Mapping):
         return {}
     paths = [
-        {"name": str(path.get("name") or "")[:_CHARACTERS], "points": _places(path.get("points"))}
+        {
+            "name": str(path.get("name") or "")[:_CHARACTERS],
+            "points": _points(path.get("points"), 3),
+        }
         for path in _list(plane.get("paths"))[:_MOST_PATHS]
         if isinstance(path, Mapping)
     ]
@@ -63,8 +68,23 @@ def _plane(plane: Any) -> dict[str, Any]:
     return {"plane": {"paths": paths, "goal": goal}} if paths else {}
 
 
-def _places(points: Any) -> list[list[float]]:
-    return [point for point in _list(points) if _is_point(point, 3)][:_MOST_POINTS]
+def _points(points: Any, length: int = 2) -> list[list[float]]:
+    """Those that are so many finite numbers, 400 at most."""
+    found = _list(points)
+    if not _are_all_points(found, length):
+        found = [point for point in found if _is_point(point, length)]
+    return found[:_MOST_POINTS]
+
+
+def _are_all_points(found: list[Any], length: int) -> bool:
+    """Whether all are points, without a call of Python for each: 20,000 cases have millions."""
+    if set(map(type, found)) != {list} or set(map(len, found)) != {length}:
+        return False
+    values = list(chain.from_iterable(found))
+    try:
+        return set(map(type, values)) <= {float, int} and all(map(isfinite, values))
+    except OverflowError:  # an integer that no float has
+        return False
 
 
 def _list(value: Any) -> list[Any]:
