@@ -31,6 +31,9 @@ impl Audit for Reader {
                 continue;
             }
             for link in numbers.iter().filter_map(|number| topic.link_with(*number)) {
+                if link.is_mixed() {
+                    continue;
+                }
                 if let Some(messages) = link.taken(&self.ledger).map_err(failed)? {
                     let messages = messages.min(link.sent());
                     found.insert((name.clone(), link.id()), Received { messages, drops: None });

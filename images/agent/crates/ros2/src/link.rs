@@ -54,6 +54,19 @@ pub(crate) struct Subscriptions {
     /// The stack's own publishers of the topic, whose messages it takes too, with what they had
     /// published before.
     others: RwLock<BTreeMap<EndpointId, u64>>,
+    mixed: bool,
+}
+
+/// How far a node's subscriptions and the stack's own publishers of a topic were when we began to
+/// count.
+#[derive(Debug)]
+pub(crate) struct Baseline {
+    /// What each subscription had taken of which nothing counts.
+    pub(crate) taken: Vec<(EndpointId, u64)>,
+    /// What each publisher had published.
+    pub(crate) others: BTreeMap<EndpointId, u64>,
+    /// Whether some of that may have been taken later: how much of what it takes is ours is not known.
+    pub(crate) mixed: bool,
 }
 
 /// Those that are there now.
@@ -116,26 +129,20 @@ impl Now {
 }
 
 impl Subscriptions {
-    /// Of the subscriptions of one node and the publishers of the topic, as they are now. What they
-    /// have taken is none of ours if `before`.
-    pub(crate) fn new(
-        subscriptions: &[&Endpoint],
-        publishers: &[&Endpoint],
-        before: bool,
-    ) -> Option<Self> {
-        let known = |one: &&Endpoint| (one.id, if before { one.counts.taken } else { 0 });
+    /// Of the subscriptions of one node, counted from there.
+    pub(crate) fn new(subscriptions: &[&Endpoint], baseline: Baseline) -> Option<Self> {
+        let Baseline { taken, others, mixed } = baseline;
         Some(Subscriptions {
             process: subscriptions.first()?.process,
             now: RwLock::new(Now {
-                taken: subscriptions.iter().map(known).collect(),
+                taken,
                 earlier: 0,
                 lost: 0,
                 depth: depth(subscriptions),
                 strength: subscriptions.iter().map(|one| one.strength).min()?,
             }),
-            others: RwLock::new(
-                publishers.iter().map(|one| (one.id, one.counts.published)).collect(),
-            ),
+            others: RwLock::new(others),
+            mixed,
         })
     }
 
@@ -224,6 +231,11 @@ impl Link {
     /// Whether it is of this node in this process.
     pub(crate) fn is_of(&self, (process, node): &(ProcessId, String)) -> bool {
         self.node == *node && self.counted.as_ref().is_some_and(|one| one.process == *process)
+    }
+
+    /// Whether what it takes of ours can't be distinguished from what it takes of the stack's own.
+    pub(crate) fn is_mixed(&self) -> bool {
+        self.counted.as_ref().is_some_and(|one| one.mixed)
     }
 
     /// Whether it is there, and nothing is known of it.

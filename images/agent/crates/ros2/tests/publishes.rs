@@ -1,13 +1,15 @@
-//! Publishers whose messages reach the recorder before their calls have returned, as on a busy
-//! machine: their ledger counts them as published only then.
+//! Publishers of the stack beside our recorder and beside our player: what they publish is none of
+//! ours, and comes before their calls have returned, as on a busy machine.
 #![allow(clippy::unwrap_used)]
 
 mod scene;
 #[path = "../../ros2player/tests/standin/mod.rs"]
 mod standin;
 
-use bagpipe_replay::Mode;
-use scene::{Ask, DEFAULT, Scene, recorded, recording};
+use bagpipe_log::Connection;
+use bagpipe_replay::{Mode, Replayed, Strength};
+use bagpipe_ros2ledger::Kind;
+use scene::{Ask, DEFAULT, Scene, imu, recorded, recording, recording_of};
 
 #[test]
 fn who_has_published_before_and_returns_late_lacks_nothing_of_the_recording() {
@@ -22,4 +24,91 @@ fn who_has_published_before_and_returns_late_lacks_nothing_of_the_recording() {
         let replayed = scene.play(&recording(&["/in"], 30, 50), &ask).unwrap();
         assert_eq!(recorded(&replayed).len(), 30);
     }
+}
+
+/// A channel of strings, which the stand-in's nodes publish as well.
+fn strings(qos: &str) -> Connection {
+    Connection {
+        datatype: "std_msgs/msg/String".to_owned(),
+        definition: "string data\n".into(),
+        offered_qos: Some(qos.to_owned()),
+        ..imu("/in")
+    }
+}
+
+const RELIABLE: &str =
+    "- history: keep_last\n  depth: 1000\n  reliability: reliable\n  durability: volatile\n";
+const LATCHED: &str =
+    "- history: keep_last\n  depth: 100\n  reliability: reliable\n  durability: transient_local\n";
+const OUT: [&str; 2] = ["--pub", "/out:std_msgs/msg/String:5000:reliable"];
+
+/// Plays messages of /in while another node of the stack publishes it, each of its calls returning so
+/// much later than the message goes out.
+fn beside_another(scene: &Scene, late: &str, burst: &str, plays: usize) -> Vec<Replayed> {
+    let lane = ["--name", "/lane", "--relay", "/in=/out", "--sub"];
+    let lane = [&lane[..], &["/in:std_msgs/msg/String:1000:reliable"], &OUT].concat();
+    let _lane = scene.start("standin_node", &lane);
+    let other = ["--name", "/other", "--pub", "/in:std_msgs/msg/String:1000:reliable"];
+    let paces = ["--every-us", "10000", "--burst", burst, "--returns-late-us", late];
+    let _other = scene.start("standin_node", &[&other[..], &paces].concat());
+    scene.await_offered("/in", 1);
+    let ask = Ask { mode: Mode::Max, ..DEFAULT };
+    let played = recording_of(&strings(RELIABLE), 50, 60);
+    (0..plays).map(|_| scene.play(&played, &ask).unwrap()).collect()
+}
+
+#[test]
+fn what_the_stack_was_publishing_when_we_came_is_no_loss_of_ours() {
+    for replayed in beside_another(&Scene::new(), "3000", "5", 3) {
+        let ledger = &replayed.ledger;
+        if ledger.strength != Some(Strength::Sent) {
+            assert_eq!((ledger.sent, ledger.received, ledger.dropped), (50, 50, 0));
+        }
+    }
+}
+
+#[test]
+fn where_a_publish_is_always_under_way_nobody_knows_what_a_node_got_of_ours() {
+    let replayed = beside_another(&Scene::new(), "60000000", "1", 1).remove(0);
+    assert_eq!((replayed.ledger.sent, replayed.ledger.strength), (50, Some(Strength::Sent)));
+    let expected = "the stack publishes /in too, and /lane may have had messages of that to take when \
+                    ours began, so that what it got of ours can't be known";
+    assert!(
+        replayed.playback.warnings.iter().any(|one| one == expected),
+        "{:?}",
+        replayed.playback.warnings
+    );
+}
+
+/// Plays messages to a node that takes its time for each, and for which as many of another node's wait
+/// as its queue holds. How many were lost by then, by all that it has taken; and what the ledger says.
+fn behind_others(depth: u64, delay: &str, mode: Mode) -> (u64, u64) {
+    let scene = Scene::new();
+    let queue = format!("/in:std_msgs/msg/String:{depth}:reliable:transient_local");
+    let other =
+        ["--name", "/other", "--pub", &queue, "--burst", &depth.to_string()].map(str::to_owned);
+    let _other = scene.start("standin_node", &other.each_ref().map(String::as_str));
+    scene.await_published("/in", depth);
+    let lane = ["--name", "/lane", "--relay", "/in=/out", "--delay-us", delay, "--sub", &queue];
+    let _lane = scene.start("standin_node", &[&lane[..], &OUT].concat());
+    let played = recording_of(&strings(LATCHED), 150, 60);
+    let replayed = scene.play(&played, &Ask { mode, ..DEFAULT }).unwrap();
+    let all = scene.ledger.endpoints().unwrap();
+    let lane =
+        all.iter().find(|one| one.kind == Kind::Subscription && one.node == "/lane").unwrap();
+    assert!(replayed.ledger.strength >= Some(Strength::Taken), "{:?}", replayed.ledger.strength);
+    assert_eq!(replayed.ledger.sent, 150);
+    (depth + 150 - lane.counts.taken, replayed.ledger.dropped)
+}
+
+#[test]
+fn what_waited_of_the_stack_s_own_when_we_came_hides_no_loss_of_ours() {
+    let (lost, reported) = behind_others(100, "8000", Mode::Realtime);
+    assert!(lost > 0, "the node was too fast");
+    assert_eq!(reported, lost);
+}
+
+#[test]
+fn nor_does_it_make_room_in_a_queue_that_has_none() {
+    assert_eq!(behind_others(10, "50000", Mode::Max), (0, 0));
 }

@@ -82,13 +82,23 @@ static void meet_thread(void) {
   __cxa_thread_atexit_impl(at_end, NULL, &__dso_handle);
 }
 
+static void note_rest(struct ledger_endpoint *endpoint) {
+  atomic_store(&endpoint->rested, atomic_load(&endpoint->taken) + 1);
+}
+
+void count_rest(const void *waited_for) {
+  uint32_t slot;
+  struct ledger_endpoint *endpoint = listed(waited_for, &slot);
+  if (endpoint != NULL) note_rest(endpoint);
+}
+
 void count_take(const void *subscription, uint64_t messages) {
   uint32_t slot;
   count_wait();
   struct ledger_endpoint *endpoint = listed(subscription, &slot);
   if (endpoint == NULL) return;
   if (messages == 0) {
-    atomic_fetch_add_explicit(&endpoint->empty, 1, memory_order_relaxed);
+    note_rest(endpoint);
     return;
   }
   note_thread(endpoint);

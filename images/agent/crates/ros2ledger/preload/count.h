@@ -9,6 +9,8 @@
 #include "layout.h"
 
 void count_take(const void *subscription, uint64_t messages);
+/* What a wait was given for a subscription, which had nothing to take. */
+void count_rest(const void *waited_for);
 
 /* A message that is being published: its reader may have it before the call has returned. */
 struct offer {

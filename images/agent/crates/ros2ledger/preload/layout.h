@@ -5,7 +5,7 @@
 #include <stdint.h>
 
 #define LEDGER_MAGIC 0x3152444c50474142ull /* "BAGPLDR1" */
-#define LEDGER_VERSION 3u
+#define LEDGER_VERSION 4u
 #define LEDGER_PROCESSES 512u
 #define LEDGER_ENDPOINTS 4096u
 #define LEDGER_NAME_BYTES 256u
@@ -74,7 +74,7 @@ struct ledger_endpoint {
   _Atomic uint64_t wake_from; /* who waits for takes is not woken before so many */
   _Atomic uint64_t offered; /* published, and those of which the middleware has not returned yet */
   _Atomic uint64_t taken;
-  _Atomic uint64_t empty; /* takes that found nothing */
+  _Atomic uint64_t rested; /* one more than was taken when nothing was left to take; 0: not seen */
   _Atomic uint64_t started;
   _Atomic uint64_t ended;
   _Atomic uint64_t intra_started; /* intra-process: without a take */

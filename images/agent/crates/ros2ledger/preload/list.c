@@ -85,6 +85,9 @@ static bool list(struct ledger *ledger, uint32_t owner, const struct creation *o
   note_used(ledger, slot);
   bool known = address_put(of->address, slot);
   if (known) matches_of(slot, of->kind, of->address);
+  /* Without room for it, it is not seen when nothing is left to take, and nothing is miscounted. */
+  const void *data = of->address->data;
+  if (known && of->kind == KIND_SUBSCRIPTION && data != NULL) address_put(data, slot);
   uint32_t phase = known ? PHASE_LIVE : PHASE_DESTROYED;
   atomic_store(&endpoint->state, phase | owner << LEDGER_OWNER_SHIFT);
   atomic_fetch_add(&ledger->header.listings, 1);

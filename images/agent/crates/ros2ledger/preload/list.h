@@ -24,10 +24,16 @@ struct node_head {
   const char *name, *space;
 };
 
+/* How rmw_subscription_t and rmw_publisher_t do: a wait is given `data`. */
+struct endpoint_head {
+  const char *implementation;
+  const void *data;
+};
+
 /* A subscription or publisher that was created. */
 struct creation {
   enum ledger_kind kind;
-  const void *address; /* its rmw handle */
+  const struct endpoint_head *address; /* its rmw handle */
   const struct node_head *node;
   const char *topic;
   struct qos_head qos;

@@ -5,6 +5,7 @@
 #include <string.h>
 #include <time.h>
 
+#include "count.h"
 #include "matches.h"
 
 #define RMW_OK 0
@@ -76,20 +77,37 @@ static bool is_ready(const struct wait *wait) {
   return false;
 }
 
+/* The subscriptions come first in the room. */
+static void note_rest(const struct wait *wait, void *const *room) {
+  for (size_t one = 0; one < things(wait->set[0]); one++)
+    if (wait->set[0]->things[one] == NULL) count_rest(room[one]);
+}
+
+/* Waits once, and notes what had nothing to take. */
+static int slice(const struct wait *wait, void *const *room, uint64_t nanoseconds) {
+  int result = call(wait, nanoseconds);
+  if (result == RMW_OK || result == RMW_TIMEOUT) note_rest(wait, room);
+  return result;
+}
+
 static int slices(const struct wait *wait, void **room) {
   uint64_t limit = length(wait->timeout), began = now(), left = limit;
   keep(wait, room);
+  /* Of a topic on which something comes more often than a slice ends, only a look that does not
+   * wait sees that nothing is left. */
+  uint64_t next = 0;
   for (;;) {
-    bool last = left <= SLICE || matches_watched() == 0;
-    int result = call(wait, last ? left : SLICE);
+    bool last = left <= next || matches_watched() == 0;
+    int result = slice(wait, room, last ? left : next);
     if (last || result != RMW_TIMEOUT) return result;
     /* It came between the slice's end and the look at what is ready, and is reported only once:
      * in one call that is no timeout. */
     if (is_ready(wait)) return RMW_OK;
     restore(wait, room);
-    matches_sample();
+    if (next > 0) matches_sample();
     uint64_t passed = now() - began;
     if (limit != ENDLESS) left = passed < limit ? limit - passed : 0;
+    next = SLICE;
   }
 }
 
@@ -98,10 +116,7 @@ int wait_in_slices(const struct wait *wait) {
   size_t many = all_things(wait);
   matches_sample();
   void **room = many <= FEW ? few : many <= MOST ? malloc(many * sizeof *room) : NULL;
-  if (room == NULL || length(wait->timeout) <= SLICE) {
-    if (room != few) free(room);
-    return call(wait, length(wait->timeout));
-  }
+  if (room == NULL) return call(wait, length(wait->timeout));
   int result = slices(wait, room);
   if (room != few) free(room);
   return result;

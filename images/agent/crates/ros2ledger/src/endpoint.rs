@@ -76,8 +76,10 @@ pub struct Qos {
 pub struct Counts {
     /// Taken from the middleware.
     pub taken: u64,
-    /// Takes that found nothing, by which nobody is woken.
-    pub empty: u64,
+    /// What had been taken when last a take found nothing, or a wait that the node was not yet done
+    /// with: nothing waited for it in the middleware then. Waits are looked at during
+    /// [`watch_matches`](crate::Ledger::watch_matches).
+    pub rested: Option<u64>,
     /// Callbacks that began, where rclcpp reports them.
     pub started: u64,
     /// Callbacks that ended.
@@ -226,8 +228,8 @@ pub(crate) fn counts(slot: &EndpointSlot) -> Result<Counts, Wrong> {
     let returned = slot.returned.load(SeqCst);
     let started = slot.started.load(SeqCst);
     let intra_started = slot.intra_started.load(SeqCst);
+    let rested = slot.rested.load(SeqCst).checked_sub(1);
     let taken = slot.taken.load(SeqCst);
-    let empty = slot.empty.load(SeqCst);
     let published = slot.published.load(SeqCst);
     let offered = slot.offered.load(SeqCst);
     // No process counts so far in a lifetime; beyond, sums would not fit.
@@ -236,6 +238,7 @@ pub(crate) fn counts(slot: &EndpointSlot) -> Result<Counts, Wrong> {
         (&slot.ended, "ends", ended, "starts", started),
         (&slot.intra_ended, "ends", intra_ended, "starts within the process", intra_started),
         (&slot.returned, "returns", returned, "takes", taken),
+        (&slot.rested, "takes before a rest", rested.unwrap_or(0), "takes", taken),
         (&slot.published, "publishes", published, "begun", offered),
         (&slot.taken, "messages", most, "ever", 1 << 60),
     ];
@@ -246,7 +249,7 @@ pub(crate) fn counts(slot: &EndpointSlot) -> Result<Counts, Wrong> {
     }
     Ok(Counts {
         taken,
-        empty,
+        rested,
         started,
         ended,
         intra_started,

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicU8, AtomicU32, AtomicU64};
 
 /// `BAGPLDR1`.
 pub(crate) const MAGIC: u64 = 0x3152_444c_5047_4142;
-pub(crate) const VERSION: u32 = 3;
+pub(crate) const VERSION: u32 = 4;
 pub(crate) const PROCESSES: usize = 512;
 pub(crate) const ENDPOINTS: usize = 4096;
 pub(crate) const NAME_BYTES: usize = 256;
@@ -73,7 +73,7 @@ pub(crate) struct EndpointSlot {
     pub(crate) wake_from: AtomicU64,
     pub(crate) offered: AtomicU64,
     pub(crate) taken: AtomicU64,
-    pub(crate) empty: AtomicU64,
+    pub(crate) rested: AtomicU64,
     pub(crate) started: AtomicU64,
     pub(crate) ended: AtomicU64,
     pub(crate) intra_started: AtomicU64,
@@ -127,7 +127,7 @@ mod tests {
         all.extend(
             fields!(EndpointSlot, "ledger_endpoint", state: u32, generation: u32, kind: u32,
             flags: u32, history: u32, reliability: u32, durability: u32, thread: u32, depth: u64,
-            matched: u64, wake_from: u64, offered: u64, taken: u64, empty: u64, started: u64, ended: u64,
+            matched: u64, wake_from: u64, offered: u64, taken: u64, rested: u64, started: u64, ended: u64,
             intra_started: u64, intra_ended: u64, returned: u64, published: u64,
             topic: [u8; 256],
             node: [u8; 256]),

@@ -163,7 +163,7 @@ impl Look {
         unlisted: bool,
     ) -> Look {
         for one in &mut endpoints {
-            (one.thread, one.matched, one.counts.empty) = (None, None, 0);
+            (one.thread, one.matched, one.counts.rested) = (None, None, None);
         }
         Look { endpoints, others, unlisted }
     }

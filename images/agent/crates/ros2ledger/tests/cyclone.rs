@@ -99,7 +99,7 @@ fn who_waits_for_the_ledger_before_each_queue_full_loses_nothing() {
     }
     assert_eq!(to.answer(), "done");
     let counts = Counts { taken: 2000, started: 2000, ended: 2000, ..Counts::default() };
-    assert_eq!(Counts { empty: 0, ..only(&ledger, Kind::Subscription).counts }, counts);
+    assert_eq!(Counts { rested: None, ..only(&ledger, Kind::Subscription).counts }, counts);
 }
 
 #[test]

@@ -170,7 +170,7 @@ fn topic_qos_thread_and_process_are_those_of_the_node() {
     node.obey(&["publish /map 1", "spin / 1", "empty /map 3"]);
     let thread: u32 = node.ask("thread").parse().unwrap();
     let map = subscription(&ledger, "/map");
-    assert_eq!((map.thread, map.counts.empty), (Some(thread), 3));
+    assert_eq!((map.thread, map.counts.taken, map.counts.rested), (Some(thread), 1, Some(1)));
     let process = only_process(&ledger);
     assert_eq!((process.id, process.alive, process.unlisted), (map.process, true, 0));
 }

@@ -100,6 +100,13 @@ impl Graph {
             }));
         }
         for topic in self.topics().iter() {
+            remarks.extend(topic.mixed().into_iter().map(|node| {
+                format!(
+                    "the stack publishes {} too, and {node} may have had messages of that to take \
+                     when ours began, so that what it got of ours can't be known",
+                    topic.info().topic
+                )
+            }));
             remarks.extend(topic.uncounted(&endpoints).into_iter().map(|node| {
                 format!(
                     "{node} publishes {} too, in a process that does not count, so that what its \

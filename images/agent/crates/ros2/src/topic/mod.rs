@@ -1,5 +1,6 @@
 //! A topic that is played: its subscribers, and the credit that they give.
 
+mod backlog;
 mod credit;
 mod look;
 mod sending;
@@ -18,6 +19,7 @@ use crate::link::{Link, Totals};
 use crate::qos::incompatible;
 pub(crate) use look::Look;
 
+use backlog::Backlog;
 use credit::Sent;
 use look::Owner;
 use subscribers::Absence;
@@ -46,6 +48,8 @@ pub(crate) struct Topic {
     links: RwLock<Arc<Vec<Arc<Link>>>>,
     /// Subscriptions that have not matched yet: since when they are known.
     strangers: Mutex<BTreeMap<Owner, Instant>>,
+    /// Nodes for which messages of the stack's own may still wait from before the play.
+    backlogs: Mutex<BTreeMap<Owner, Backlog>>,
     /// Nodes that have destroyed their subscriptions: they may be about to make others.
     departed: Mutex<BTreeMap<Owner, Absence>>,
     sent: Mutex<Sent>,
@@ -73,6 +77,7 @@ impl Topic {
             otherwise,
             links: RwLock::default(),
             strangers: Mutex::default(),
+            backlogs: Mutex::default(),
             departed: Mutex::default(),
             sent: Mutex::default(),
             looked: Mutex::default(),
@@ -97,6 +102,12 @@ impl Topic {
     pub(crate) fn uncounted(&self, endpoints: &[Endpoint]) -> Vec<String> {
         let others = self.others.lock().unwrap_or_else(PoisonError::into_inner);
         uncounted(&self.info.topic, &others, endpoints)
+    }
+
+    /// The nodes of which it is not known what they got of ours, as they may have taken messages of
+    /// the stack's own in their place.
+    pub(crate) fn mixed(&self) -> Vec<String> {
+        self.links().iter().filter(|link| link.is_mixed()).map(|link| link.node.clone()).collect()
     }
 
     fn links(&self) -> Arc<Vec<Arc<Link>>> {

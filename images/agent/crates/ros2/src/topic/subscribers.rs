@@ -9,9 +9,10 @@ use bagpipe_graph::{Cancelled, PacedBy, SendError};
 use bagpipe_ros2ledger::{Endpoint, Event, Kind, Ledger, LedgerError};
 
 use super::Topic;
+use super::backlog::stand;
 use super::look::{Look, Owner};
 use super::sending::failed;
-use crate::link::{Link, Subscriptions, Totals};
+use crate::link::{Baseline, Link, Subscriptions, Totals};
 use crate::stillness::counted;
 
 /// A subscription whose process has not reported for so long whom it knows is believed to know us.
@@ -77,7 +78,7 @@ impl Topic {
                 && absence.look(now) < RENEWED
         });
         for (owner, subscriptions) in &nodes {
-            self.welcome(&mut links, owner, subscriptions, (look, missed));
+            self.welcome(&mut links, owner, subscriptions, (look, missed))?;
         }
         if let Some(uncounted) = uncounted {
             self.refresh_uncounted(&mut links, uncounted, missed);
@@ -96,24 +97,54 @@ impl Topic {
         owner: &Owner,
         subscriptions: &[&Endpoint],
         (look, missed): (&Look, Totals),
-    ) {
+    ) -> Result<(), LedgerError> {
         let known = links.iter().rev().find(|link| link.is_of(owner)).cloned();
         if known.as_ref().is_some_and(|link| link.is_open()) {
-            return;
+            return Ok(());
         }
         let begun = self.sent().totals.messages() > 0;
         let at_once = begun && self.means.paced_by == PacedBy::Schedule;
-        if !at_once && !self.knows_us(owner, subscriptions, look, known.is_some()) {
-            return;
+        let baseline = self.baseline(owner, subscriptions, look, begun)?;
+        let waits = baseline.mixed && known.is_none() && !begun;
+        if !at_once && !self.knows_us(owner, subscriptions, look, (known.is_some(), waits)) {
+            return Ok(());
         }
         let missed = if at_once { missed } else { Totals::default() };
         if let Some(link) = known {
-            return link.open(missed);
+            link.open(missed);
+            return Ok(());
         }
-        let publishers = self.publishers(&look.endpoints);
-        let counted = Subscriptions::new(subscriptions, &publishers, !begun);
+        let counted = Subscriptions::new(subscriptions, baseline);
         let name = self.named(links, &owner.1);
         links.push(self.link(name, counted, missed));
+        Ok(())
+    }
+
+    /// Where a node's messages are counted from. Once the play has `begun` a new subscription has taken
+    /// nothing of before, and what of the stack's own it took since is not known.
+    fn baseline(
+        &self,
+        owner: &Owner,
+        subscriptions: &[&Endpoint],
+        look: &Look,
+        begun: bool,
+    ) -> Result<Baseline, LedgerError> {
+        let publishers = self.publishers(&look.endpoints);
+        let (found, stand) = stand(&self.means.ledger, look, subscriptions, &publishers)?;
+        if begun {
+            let taken = found.taken.into_iter().map(|(id, _)| (id, 0)).collect();
+            let mixed = found.others.values().any(|published| *published > 0);
+            return Ok(Baseline { taken, mixed, ..found });
+        }
+        let mut backlogs = self.backlogs.lock().unwrap_or_else(PoisonError::into_inner);
+        let backlog = backlogs.entry(owner.clone()).or_default();
+        Ok(Baseline { mixed: !backlog.look(Instant::now(), stand), ..found })
+    }
+
+    /// Whether a node is still waited for that may have messages of the stack's own to take.
+    fn may_come_to_rest(&self, owner: &Owner) -> bool {
+        let backlogs = self.backlogs.lock().unwrap_or_else(PoisonError::into_inner);
+        backlogs.get(owner).is_some_and(|backlog| !backlog.is_given_up())
     }
 
     /// Whether a node is there that does not count, as somebody has found.
@@ -182,13 +213,14 @@ impl Topic {
 
     /// Whether all subscriptions of a node have matched us, as far as they report: they know more
     /// publishers than there are others, and we know all subscriptions that are there. Of a node
-    /// that is `known`, new ones know us from the beginning.
+    /// that is `known`, new ones know us from the beginning. One that `waits` may have messages of
+    /// before to take first.
     fn knows_us(
         &self,
         owner: &Owner,
         subscriptions: &[&Endpoint],
         look: &Look,
-        known: bool,
+        (known, waits): (bool, bool),
     ) -> bool {
         let others = look.there(Kind::Publisher, &self.info.topic).count();
         let there = look.there(Kind::Subscription, &self.info.topic).count();
@@ -202,13 +234,14 @@ impl Topic {
             true => since.elapsed() >= RENEWED,
             false => subscriptions.iter().all(reported),
         };
-        if know_us && known_to_us() == there as u64 {
+        if know_us && !waits && known_to_us() == there as u64 {
             strangers.remove(owner);
             return true;
         }
         // One of the others may be none that it can match.
         let some = |one: &&Endpoint| one.matched.is_none_or(|known| known > 0);
-        since.elapsed() >= UNREPORTED && subscriptions.iter().all(some)
+        let given_up = !waits || !self.may_come_to_rest(owner);
+        since.elapsed() >= UNREPORTED && given_up && subscriptions.iter().all(some)
     }
 
     fn strangers(&self) -> MutexGuard<'_, BTreeMap<Owner, Instant>> {

@@ -145,11 +145,19 @@ impl Scene {
 
     /// Waits until so many messages were published on a topic.
     pub fn await_published(&self, topic: &str, many: u64) {
-        let published = |one: &Endpoint| one.kind == Kind::Publisher && one.topic == topic;
+        self.await_counted(topic, many, |one| one.counts.published);
+    }
+
+    /// Until so many calls have begun that publish.
+    pub fn await_offered(&self, topic: &str, many: u64) {
+        self.await_counted(topic, many, |one| one.counts.offered);
+    }
+
+    fn await_counted(&self, topic: &str, many: u64, count: fn(&Endpoint) -> u64) {
+        let publishes = |one: &&Endpoint| one.kind == Kind::Publisher && one.topic == topic;
         eventually(|| {
             let all = self.ledger.endpoints().unwrap();
-            all.iter().filter(|one| published(one)).map(|one| one.counts.published).sum::<u64>()
-                >= many
+            all.iter().filter(publishes).map(count).sum::<u64>() >= many
         });
     }
 

@@ -336,7 +336,7 @@ type Change = fn(&mut Endpoint);
 fn what_an_idle_node_counts_is_no_difference() {
     let look = |change: Change| Look::new(vec![with(subscription(1, 1), change)], vec![], false);
     let changes: [(Change, bool); 5] = [
-        (|one| one.counts.empty = 9, true),
+        (|one| one.counts.rested = Some(9), true),
         (|one| one.thread = Some(7), true),
         (|one| one.matched = Some(1), true),
         (|one| one.counts.returned = 1, false),
