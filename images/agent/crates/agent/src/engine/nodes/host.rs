@@ -78,14 +78,14 @@ pub trait Host {
     /// Whether the stack runs on simulated time.
     fn use_sim_time(&self) -> bool;
 
-    /// All nodes but our own.
-    fn roll(&self) -> Vec<Known>;
+    /// All nodes but our own. Fails, as the next two do, where it is not known.
+    fn roll(&self) -> Result<Vec<Known>, Failure>;
 
     /// Notes who is still there when all input is out: who leaves after that is done.
-    fn note_stayed(&self, roll: &mut [Known]);
+    fn note_stayed(&self, roll: &mut [Known]) -> Result<(), Failure>;
 
     /// What has become of each.
-    fn look(&self, roll: &[Known]) -> Vec<Found>;
+    fn look(&self, roll: &[Known]) -> Result<Vec<Found>, Failure>;
 
     /// How the program ended by itself that nodes need to find each other, if it has.
     fn ended(&self, _children: &mut Children) -> Option<Ended> {

@@ -51,6 +51,8 @@ pub struct Runner<'a> {
     pub course: RefCell<Vec<Moment>>,
     /// The nodes when the play began.
     pub roll: RefCell<Vec<Known>>,
+    /// Why it is not known which nodes were there, if that is so.
+    pub unseen: RefCell<Option<Failure>>,
     pub glanced: Cell<Option<Instant>>,
 }
 
@@ -88,6 +90,9 @@ impl Runner<'_> {
                 Err(Failure::Abort(Box::new(self.host.gone(ending))))
             }
             (Ok(replayed), Ok((Some(stack), _))) => {
+                if let Some(unseen) = self.unseen.take() {
+                    return Err(unseen);
+                }
                 Ok(Outcome::new(replayed, stack, timings, self.host.chosen_player()))
             }
             (Ok(_), Ok((None, _))) => Err(Failure::new("Internal", "played without a stack")),
@@ -227,12 +232,16 @@ impl Runner<'_> {
         if progress.stage == Stage::LeadIn
             && course.last().is_none_or(|last| last.stage == Stage::Subscribe)
         {
-            *self.roll.borrow_mut() = self.host.roll();
+            match self.host.roll() {
+                Ok(roll) => *self.roll.borrow_mut() = roll,
+                Err(failure) => self.note_unseen(failure),
+            }
         }
         if progress.stage == Stage::Drain
             && course.last().is_none_or(|last| last.stage != Stage::Drain)
         {
-            self.host.note_stayed(&mut self.roll.borrow_mut());
+            let noted = self.host.note_stayed(&mut self.roll.borrow_mut());
+            noted.unwrap_or_else(|failure| self.note_unseen(failure));
         }
         let now = Instant::now();
         let at = progress.last_out.filter(|_| progress.stage == Stage::Drain).unwrap_or(now);
@@ -243,12 +252,27 @@ impl Runner<'_> {
     fn look_at_nodes(&self) -> Vec<(Known, Found)> {
         let roll = self.roll.take();
         let deadline = self.deadline.min(Instant::now() + LEAVE);
-        let mut found = self.host.look(&roll);
-        while self.await_ends(&left(&roll, &found), deadline) {
-            // Others may have left meanwhile.
-            found = later(found, self.host.look(&roll));
+        match self.look_until(&roll, deadline) {
+            Ok(found) => roll.into_iter().zip(found).collect(),
+            Err(failure) => {
+                self.note_unseen(failure);
+                Vec::new()
+            }
         }
-        roll.into_iter().zip(found).collect()
+    }
+
+    fn look_until(&self, roll: &[Known], deadline: Instant) -> Result<Vec<Found>, Failure> {
+        let mut found = self.host.look(roll)?;
+        while self.await_ends(&left(roll, &found), deadline) {
+            // Others may have left meanwhile.
+            found = later(found, self.host.look(roll)?);
+        }
+        Ok(found)
+    }
+
+    /// Takes in that nobody could say which nodes there were: the first reason is kept.
+    fn note_unseen(&self, failure: Failure) {
+        self.unseen.borrow_mut().get_or_insert(failure);
     }
 
     /// Until processes have ended that are about to, `true` if one has: one that is asked to end on

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use bagpipe_graph::Middleware;
 use bagpipe_log::RecordingFormat;
-use bagpipe_ros1::{Ros1, Rosmaster};
+use bagpipe_ros1::{Ros1, RosError, Rosmaster};
 use bagpipe_rosbag::{Compression, WriterOptions};
 use bagpipe_wire::Abort;
 use rustix::process::Pid;
@@ -96,16 +96,16 @@ impl Host for RosmasterHost<'_> {
         self.case.use_sim_time()
     }
 
-    fn roll(&self) -> Vec<Known> {
-        roll::roll(&self.uri)
+    fn roll(&self) -> Result<Vec<Known>, Failure> {
+        roll::roll(&self.uri).map_err(|error| unknown(&error))
     }
 
-    fn note_stayed(&self, known: &mut [Known]) {
-        roll::note_stayed(&self.uri, known);
+    fn note_stayed(&self, known: &mut [Known]) -> Result<(), Failure> {
+        roll::note_stayed(&self.uri, known).map_err(|error| unknown(&error))
     }
 
-    fn look(&self, known: &[Known]) -> Vec<Found> {
-        roll::look(&self.uri, known)
+    fn look(&self, known: &[Known]) -> Result<Vec<Found>, Failure> {
+        roll::look(&self.uri, known).map_err(|error| unknown(&error))
     }
 
     fn ended(&self, children: &mut Children) -> Option<Ended> {
@@ -156,4 +156,10 @@ impl Host for RosmasterHost<'_> {
             None => abort,
         }
     }
+}
+
+/// A node that nobody looked at may have ended unnoticed.
+fn unknown(error: &RosError) -> Failure {
+    let what = format!("which nodes were there during the case can't be known: {error}");
+    Failure::new("RosMasterFailed", what)
 }

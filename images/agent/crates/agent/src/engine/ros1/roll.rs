@@ -1,9 +1,10 @@
 //! The nodes that the ROS master knows when the play begins, and what has become of them at its
 //! end, whatever roslaunch says.
 
+use std::cell::Cell;
 use std::collections::BTreeSet;
 use std::thread::{Builder, ScopedJoinHandle};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use bagpipe_ros1::{Master, RosError};
 
@@ -12,6 +13,10 @@ use crate::stack::processes::{descendants, is_alive};
 
 /// A node on this machine answers within milliseconds.
 const ASK: Duration = Duration::from_secs(1);
+/// How long is waited in all for answers of the master that do not come; it is asked for the next one
+/// no sooner than `AGAIN`.
+const PATIENCE: Duration = Duration::from_secs(4);
+const AGAIN: Duration = Duration::from_millis(200);
 /// How many are asked at once: each that does not answer takes its time, in which the case's deadline
 /// passes unseen.
 const AT_ONCE: usize = 32;
@@ -19,14 +24,16 @@ const CALLER: &str = "/bagpipe_agent";
 /// Our own node in the graph.
 const PLAYER: &str = "/bagpipe_player_";
 
-/// All nodes but our own. A master that does not answer fails the replay, so no error is
-/// reported here.
-pub fn roll(master_uri: &str) -> Vec<Known> {
-    let Ok(master) = Master::new(master_uri, CALLER, ASK) else { return Vec::new() };
-    let names = registered(&master);
+/// All nodes but our own.
+///
+/// # Errors
+/// The master does not answer: which nodes there are can't be known.
+pub fn roll(master_uri: &str) -> Result<Vec<Known>, RosError> {
+    let master = Patient::new(master_uri)?;
+    let names = registered(&master)?;
     let ours = |name: &String| name.starts_with(PLAYER);
     let others: Vec<String> = names.into_iter().filter(|name| !ours(name)).collect();
-    let addresses = addresses(&master, others.iter());
+    let addresses = addresses(&master, others.iter())?;
     let listed: Vec<(String, Address)> = others.into_iter().zip(addresses).collect();
     let known = of_each(&listed, |(name, address)| {
         let Address::At(uri) = address else { return None };
@@ -35,29 +42,50 @@ pub fn roll(master_uri: &str) -> Vec<Known> {
         let pid = pid_of(uri).ok().filter(|pid| u32::try_from(*pid) != Ok(std::process::id()));
         Some(Known { name: name.clone(), uri: uri.clone(), pid, stayed: false })
     });
-    known.into_iter().flatten().flatten().collect()
+    Ok(known.into_iter().flatten().flatten().collect())
+}
+
+/// A master that is asked again where it does not answer, as one does not whose queue was full for a
+/// moment.
+struct Patient {
+    master: Master,
+    left: Cell<Duration>,
+}
+
+impl Patient {
+    fn new(uri: &str) -> Result<Patient, RosError> {
+        Ok(Patient { master: Master::new(uri, CALLER, ASK)?, left: Cell::new(PATIENCE) })
+    }
+
+    fn ask<T>(&self, call: impl Fn(&Master) -> Result<T, RosError>) -> Result<T, RosError> {
+        loop {
+            let begun = Instant::now();
+            let answer = call(&self.master);
+            if !matches!(answer, Err(RosError::Unreachable { .. })) || self.left.get().is_zero() {
+                return answer;
+            }
+            std::thread::sleep(AGAIN.saturating_sub(begun.elapsed()));
+            self.left.set(self.left.get().saturating_sub(begun.elapsed()));
+        }
+    }
 }
 
 /// Where a node is, as its master has it.
 enum Address {
     At(String),
     Unregistered,
-    /// The master does not answer.
-    Unknown,
 }
 
 /// Where each node is. The master is asked for one after another: rosmaster has a queue of five
-/// connections, of which the kernel drops more until a second later. One that does not answer is
-/// asked no more.
-fn addresses<'n>(master: &Master, names: impl Iterator<Item = &'n String>) -> Vec<Address> {
-    let mut answers = true;
-    let ask = |name: &String| match answers.then(|| master.lookup_node(name)) {
-        Some(Ok(uri)) => Address::At(uri),
-        Some(Err(RosError::Refused { .. })) => Address::Unregistered,
-        Some(Err(_)) | None => {
-            answers = false;
-            Address::Unknown
-        }
+/// connections, of which the kernel drops more until a second later.
+fn addresses<'n>(
+    master: &Patient,
+    names: impl Iterator<Item = &'n String>,
+) -> Result<Vec<Address>, RosError> {
+    let ask = |name: &String| match master.ask(|master| master.lookup_node(name)) {
+        Ok(uri) => Ok(Address::At(uri)),
+        Err(RosError::Refused { .. }) => Ok(Address::Unregistered),
+        Err(error) => Err(error),
     };
     names.map(ask).collect()
 }
@@ -84,43 +112,48 @@ fn of_each<O: Sync, F: Send>(of: &[O], find: impl Fn(&O) -> F + Sync) -> Vec<Opt
 }
 
 /// Notes who is still there when all input is out: who leaves after that is done.
-pub fn note_stayed(master_uri: &str, roll: &mut [Known]) {
-    let Ok(master) = Master::new(master_uri, CALLER, ASK) else { return };
-    let names = registered(&master);
+///
+/// # Errors
+/// As [`roll`].
+pub fn note_stayed(master_uri: &str, roll: &mut [Known]) -> Result<(), RosError> {
+    let names = registered(&Patient::new(master_uri)?)?;
     for known in roll {
         known.stayed = names.contains(&known.name);
     }
+    Ok(())
 }
 
-fn registered(master: &Master) -> BTreeSet<String> {
-    let state = master.get_system_state().unwrap_or_default();
+fn registered(master: &Patient) -> Result<BTreeSet<String>, RosError> {
+    let state = master.ask(Master::get_system_state)?;
     let topics = state.publishers.into_values().chain(state.subscribers.into_values());
-    topics.flatten().collect()
+    Ok(topics.flatten().collect())
 }
 
 /// What has become of each; the stack's processes are all below this one.
-pub fn look(master_uri: &str, roll: &[Known]) -> Vec<Found> {
-    let Ok(master) = Master::new(master_uri, CALLER, ASK) else {
-        return vec![Found::Same; roll.len()];
-    };
-    let addresses = addresses(&master, roll.iter().map(|known| &known.name));
+///
+/// # Errors
+/// As [`roll`].
+pub fn look(master_uri: &str, roll: &[Known]) -> Result<Vec<Found>, RosError> {
+    let master = Patient::new(master_uri)?;
+    let addresses = addresses(&master, roll.iter().map(|known| &known.name))?;
     let listed: Vec<(&Known, Address)> = roll.iter().zip(addresses).collect();
     let found = of_each(&listed, |(known, address)| look_at(known, address));
-    found.into_iter().map(|found| found.unwrap_or(Found::Same)).collect()
+    Ok(found.into_iter().map(|found| found.unwrap_or(Found::Same)).collect())
 }
 
 fn look_at(known: &Known, address: &Address) -> Found {
     let uri = match address {
         Address::At(uri) => uri,
         Address::Unregistered => return Found::Unregistered,
-        Address::Unknown => return Found::Same,
     };
+    // A node in a namespace of its own gives a number that is another's here.
+    let lives = |pid| is_alive(pid) && stack().contains(&pid);
     match (answering(uri, known), known.pid) {
         (Some(pid), Some(before)) if pid != before => Found::Another,
         (Some(_), _) if *uri != known.uri => Found::Another,
         (Some(_), _) => Found::Same,
         // One that hangs still has its socket: that is for the ledger to say.
-        (None, Some(pid)) if is_alive(pid) && *uri == known.uri => Found::Same,
+        (None, Some(pid)) if *uri == known.uri && lives(pid) => Found::Same,
         (None, _) => Found::Unreachable,
     }
 }
@@ -129,8 +162,12 @@ fn look_at(known: &Known, address: &Address) -> Found {
 /// a node of another slot.
 fn answering(uri: &str, known: &Known) -> Option<i32> {
     let pid = pid_of(uri).ok()?;
-    let stack = || descendants(std::process::id(), &[]);
     (known.pid == Some(pid) || stack().contains(&pid)).then_some(pid)
+}
+
+/// The stack's processes, and what else is below this one.
+fn stack() -> BTreeSet<i32> {
+    descendants(std::process::id(), &[])
 }
 
 fn pid_of(uri: &str) -> Result<i32, RosError> {
@@ -156,9 +193,9 @@ mod tests {
         let served = Rosmaster::serve((Ipv4Addr::LOCALHOST, 0).into()).unwrap();
         let liar = Master::new(served.uri(), "/liar", ASK).unwrap();
         liar.register_publisher("/t", "std_msgs/String", served.uri()).unwrap();
-        let known = roll(served.uri());
+        let known = roll(served.uri()).unwrap();
         assert_eq!(known.len(), 1);
-        assert_eq!(look(served.uri(), &known), [Found::Unreachable]);
+        assert_eq!(look(served.uri(), &known).unwrap(), [Found::Unreachable]);
     }
 
     #[test]
@@ -172,8 +209,8 @@ mod tests {
             node.register_publisher("/t", "std_msgs/String", &uri).unwrap();
         }
         let begun = Instant::now();
-        let known = roll(served.uri());
-        let found = look(served.uri(), &known);
+        let known = roll(served.uri()).unwrap();
+        let found = look(served.uri(), &known).unwrap();
         assert!(begun.elapsed() < 6 * ASK, "{:?}", begun.elapsed());
         assert_eq!((known.len(), found), (8, vec![Found::Unreachable; 8]));
     }
@@ -225,13 +262,13 @@ mod tests {
         }
         let address = served.uri().trim_start_matches("http://").trim_end_matches('/');
         let (uri, most) = counted(address.to_owned());
-        let known = roll(&uri);
-        assert_eq!((known.len(), look(&uri, &known).len()), (40, 40));
+        let known = roll(&uri).unwrap();
+        assert_eq!((known.len(), look(&uri, &known).unwrap().len()), (40, 40));
         assert_eq!(most.load(Ordering::SeqCst), 1);
     }
 
     #[test]
-    fn a_master_that_does_not_answer_is_asked_once() {
+    fn where_a_master_does_not_answer_nobody_knows_which_nodes_there_are() {
         let mute = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
         let uri = format!("http://{}/", mute.local_addr().unwrap());
         let of = |number| Known {
@@ -240,9 +277,85 @@ mod tests {
             pid: None,
             stayed: false,
         };
-        let known: Vec<Known> = (0..3).map(of).collect();
-        assert_eq!(look(&uri, &known), [Found::Same, Found::Same, Found::Same]);
+        let mut known: Vec<Known> = (0..3).map(of).collect();
+        assert!(matches!(look(&uri, &known), Err(RosError::Unreachable { .. })));
         mute.set_nonblocking(true).unwrap();
-        assert_eq!(std::iter::from_fn(|| mute.accept().ok()).count(), 1);
+        // Once, and again for four seconds.
+        let asked = std::iter::from_fn(|| mute.accept().ok()).count();
+        assert!((2..=5).contains(&asked), "{asked}");
+        drop(mute);
+        // Nobody listens, which is known at once: it may be about to come back.
+        assert!(matches!(roll(&uri), Err(RosError::Unreachable { .. })));
+        assert!(matches!(note_stayed(&uri, &mut known), Err(RosError::Unreachable { .. })));
+    }
+
+    /// The address of who passes calls on to a master, but keeps the first one of this method waiting.
+    fn busy_once(master: String, method: &'static str) -> String {
+        let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
+        let uri = format!("http://{}/", listener.local_addr().unwrap());
+        std::thread::spawn(move || {
+            let mut kept = Vec::new();
+            for asking in listener.incoming() {
+                let mut asking = asking.unwrap();
+                let request = message(&mut asking);
+                if kept.is_empty() && String::from_utf8_lossy(&request).contains(method) {
+                    kept.push(asking);
+                    continue;
+                }
+                let mut asked = TcpStream::connect(&master).unwrap();
+                asked.write_all(&request).unwrap();
+                asking.write_all(&message(&mut asked)).unwrap();
+            }
+        });
+        uri
+    }
+
+    #[test]
+    fn a_master_that_is_busy_for_a_moment_hides_no_node() {
+        let served = Rosmaster::serve((Ipv4Addr::LOCALHOST, 0).into()).unwrap();
+        for number in 0..3 {
+            let node = Master::new(served.uri(), &format!("/node{number}"), ASK).unwrap();
+            node.register_publisher("/t", "std_msgs/String", served.uri()).unwrap();
+        }
+        let address = served.uri().trim_start_matches("http://").trim_end_matches('/');
+        for method in ["getSystemState", "lookupNode"] {
+            let mut known = roll(&busy_once(address.to_owned(), method)).unwrap();
+            assert_eq!(known.len(), 3, "{method}");
+            note_stayed(&busy_once(address.to_owned(), method), &mut known).unwrap();
+            assert!(known.iter().all(|known| known.stayed), "{method}");
+            let found = look(&busy_once(address.to_owned(), method), &known).unwrap();
+            assert_eq!(found, [Found::Unreachable; 3], "{method}");
+        }
+    }
+
+    #[test]
+    fn a_node_of_another_namespace_is_gone_when_nobody_answers_though_its_number_lives() {
+        let served = Rosmaster::serve((Ipv4Addr::LOCALHOST, 0).into()).unwrap();
+        let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
+        let uri = format!("http://{}/", listener.local_addr().unwrap());
+        let node = Master::new(served.uri(), "/node", ASK).unwrap();
+        node.register_publisher("/t", "std_msgs/String", &uri).unwrap();
+        // In a namespace of processes of its own, as below `unshare --pid --fork`, it is 1.
+        let lives = std::thread::spawn(move || {
+            for _call in 0..2 {
+                let mut asking = listener.accept().unwrap().0;
+                message(&mut asking);
+                let one = "<value><int>1</int></value>";
+                let body = format!(
+                    "<?xml version=\"1.0\"?><methodResponse><params><param><value><array><data>{one}\
+                     <value><string></string></value>{one}</data></array></value></param></params>\
+                     </methodResponse>"
+                );
+                let length = body.len();
+                let head = format!("HTTP/1.1 200 OK\r\nContent-Length: {length}\r\n\r\n");
+                asking.write_all((head + &body).as_bytes()).unwrap();
+            }
+        });
+        let known = roll(served.uri()).unwrap();
+        assert_eq!((known.len(), known[0].pid), (1, Some(1)));
+        assert_eq!(look(served.uri(), &known).unwrap(), [Found::Same]);
+        lives.join().unwrap();
+        // Now its port refuses connections.
+        assert_eq!(look(served.uri(), &known).unwrap(), [Found::Unreachable]);
     }
 }

@@ -209,15 +209,16 @@ impl Host for Ros2Host<'_> {
         parameters::use_sim_time(&self.case.stack.parameters)
     }
 
-    fn roll(&self) -> Vec<Known> {
-        roll::roll(&self.ledger)
+    fn roll(&self) -> Result<Vec<Known>, Failure> {
+        Ok(roll::roll(&self.ledger))
     }
 
-    fn note_stayed(&self, known: &mut [Known]) {
+    fn note_stayed(&self, known: &mut [Known]) -> Result<(), Failure> {
         roll::note_stayed(&self.ledger, known);
+        Ok(())
     }
 
-    fn look(&self, known: &[Known]) -> Vec<Found> {
-        roll::look(&self.ledger, known)
+    fn look(&self, known: &[Known]) -> Result<Vec<Found>, Failure> {
+        Ok(roll::look(&self.ledger, known))
     }
 }
