@@ -2,7 +2,9 @@
 //! Source: <https://wiki.ros.org/ROS/Connection%20Header>; all integers little-endian.
 
 use std::collections::BTreeMap;
-use std::io::Read;
+use std::io::{ErrorKind, Read};
+use std::net::TcpStream;
+use std::time::{Duration, Instant};
 
 /// The largest header accepted, in bytes; message definitions are the bulk of it.
 const MAX_HEADER: usize = 16 << 20;
@@ -78,7 +80,13 @@ impl ConnectionHeader {
         Ok(Self(fields))
     }
 
-    /// Reads a header from a blocking stream (whose read timeout is the deadline).
+    /// Reads a header from a blocking stream, all of it within `deadline`: a peer may send it byte by
+    /// byte. The stream's read timeout is changed.
+    pub(crate) fn receive(stream: &TcpStream, deadline: Duration) -> Result<Self, String> {
+        Self::read(&mut Until { stream, end: Instant::now() + deadline })
+    }
+
+    /// Reads a header.
     pub(crate) fn read(stream: &mut impl Read) -> Result<Self, String> {
         let mut length = [0; 4];
         stream.read_exact(&mut length).map_err(|e| format!("no connection header came: {e}"))?;
@@ -100,9 +108,49 @@ impl ConnectionHeader {
     }
 }
 
+/// A stream that is read up to a moment.
+struct Until<'s> {
+    stream: &'s TcpStream,
+    end: Instant,
+}
+
+impl Read for Until<'_> {
+    fn read(&mut self, into: &mut [u8]) -> std::io::Result<usize> {
+        let left = self.end.saturating_duration_since(Instant::now());
+        if left.is_zero() {
+            return Err(ErrorKind::TimedOut.into());
+        }
+        self.stream.set_read_timeout(Some(left))?;
+        self.stream.read(into)
+    }
+}
+
 #[cfg(test)]
 mod tests {
+    use std::io::Write as _;
+    use std::net::TcpListener;
+
     use super::*;
+
+    #[test]
+    fn a_header_that_comes_byte_by_byte_has_a_deadline_as_a_whole() {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let peer = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
+        let sender = std::thread::spawn(move || {
+            let mut stream = listener.accept().unwrap().0;
+            stream.write_all(&10_000_u32.to_le_bytes()).unwrap();
+            let trickle = |_: &u32| {
+                std::thread::sleep(Duration::from_millis(10));
+                stream.write_all(&[0]).is_ok()
+            };
+            (0..10_000).take_while(trickle).count()
+        });
+        let error = ConnectionHeader::receive(&peer, Duration::from_millis(300)).unwrap_err();
+        drop(peer);
+        assert!(error.starts_with("its connection header broke off"), "{error}");
+        let sent = sender.join().unwrap();
+        assert!(sent < 9_000, "{sent} of 10,000 bytes were read");
+    }
 
     #[test]
     fn the_example_of_the_wiki_is_encoded_to_the_byte() {

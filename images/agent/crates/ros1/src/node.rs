@@ -269,14 +269,16 @@ impl Graph {
         let Some(subscription) = self.subscription(topic) else {
             return;
         };
-        let new = subscription.update(uris, self.slave_uri());
-        let connect = lock(&self.connect);
         let topic: Arc<str> = topic.into();
-        for uri in new {
-            if let Some(connect) = connect.as_ref() {
-                // Without a receiver the node is ending.
-                let _ending = connect.send((Arc::clone(&topic), uri));
-            }
+        for uri in subscription.update(uris, self.slave_uri()) {
+            self.ask_to_connect(&topic, uri);
+        }
+    }
+
+    fn ask_to_connect(&self, topic: &Arc<str>, uri: String) {
+        if let Some(connect) = lock(&self.connect).as_ref() {
+            // Without a receiver the node is ending.
+            let _ending = connect.send((Arc::clone(topic), uri));
         }
     }
 
@@ -285,8 +287,8 @@ impl Graph {
     }
 
     fn lost(&self, topic: &str, uri: &str) {
-        if let Some(subscription) = self.subscription(topic) {
-            subscription.lost(uri);
+        if self.subscription(topic).is_some_and(|subscription| subscription.lost(uri)) {
+            self.ask_to_connect(&topic.into(), uri.to_owned());
         }
     }
 
@@ -306,7 +308,7 @@ impl Graph {
             }
             self.rest(Duration::from_millis(50 << attempt));
         }
-        subscription.lost(uri);
+        subscription.not_reached(uri);
     }
 
     /// Asks the publishers that may latch once more, a few at once.
@@ -371,14 +373,13 @@ impl Graph {
 fn receive_subscriber(
     publications: &Publications,
     name: &str,
-    mut stream: TcpStream,
+    stream: TcpStream,
     deadline: Duration,
 ) {
-    let limits = stream.set_read_timeout(Some(deadline));
-    if limits.and_then(|()| stream.set_write_timeout(Some(deadline))).is_err() {
+    if stream.set_write_timeout(Some(deadline)).is_err() {
         return;
     }
-    let Ok(header) = ConnectionHeader::read(&mut stream) else {
+    let Ok(header) = ConnectionHeader::receive(&stream, deadline) else {
         return;
     };
     let found = lock(publications).get(header.text("topic")).cloned();

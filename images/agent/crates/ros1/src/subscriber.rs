@@ -39,6 +39,8 @@ struct Publishers {
     registered: BTreeSet<String>,
     /// Those that a connection exists to or is being made.
     taken: BTreeSet<String>,
+    /// How often a connection that had ended was made again to those that stay registered.
+    renewed: BTreeMap<String, u32>,
     /// Those that a connection stands to: its number and what it has handed over.
     connected: BTreeMap<String, (u64, Arc<Counts>)>,
     /// Those that may latch although their introductions have it otherwise, and their connections.
@@ -49,7 +51,10 @@ impl Subscription {
     /// Takes in the master's list; answers the publishers to connect to now.
     pub(crate) fn update(&self, uris: Vec<String>, ourselves: &str) -> Vec<String> {
         let mut state = lock(&self.state);
-        state.registered = uris.into_iter().filter(|uri| uri != ourselves).collect();
+        let registered: BTreeSet<String> =
+            uris.into_iter().filter(|uri| uri != ourselves).collect();
+        state.renewed.retain(|uri, _| registered.contains(uri));
+        state.registered = registered;
         let new: Vec<_> = state.registered.difference(&state.taken).cloned().collect();
         state.taken.extend(new.iter().cloned());
         new
@@ -69,12 +74,26 @@ impl Subscription {
         }
     }
 
-    /// The connection has ended or could not be made; the next update may try again.
-    pub(crate) fn lost(&self, uri: &str) {
+    /// A connection has ended. Whether the caller is to make another one, since the publisher is
+    /// registered: it may have taken its topic back and advertised it again before this end was seen.
+    /// Of one that ends its connections time and again it is not, until it registers again.
+    #[must_use]
+    pub(crate) fn lost(&self, uri: &str) -> bool {
         let mut state = lock(&self.state);
         state.connected.remove(uri);
         state.may_latch.remove(uri);
-        state.taken.remove(uri);
+        let renewed = state.renewed.get(uri).copied().unwrap_or(0);
+        if !state.registered.contains(uri) || renewed >= ATTEMPTS {
+            state.taken.remove(uri);
+            return false;
+        }
+        state.renewed.insert(uri.to_owned(), renewed + 1);
+        true
+    }
+
+    /// No connection could be made; the next update may try again.
+    pub(crate) fn not_reached(&self, uri: &str) {
+        lock(&self.state).taken.remove(uri);
     }
 
     /// How many publishers we read.
@@ -189,7 +208,6 @@ fn shake_hands(
 ) -> Result<ConnectionHeader, String> {
     let io = |error: std::io::Error| error.to_string();
     stream.set_nodelay(true).map_err(io)?;
-    stream.set_read_timeout(Some(deadline)).map_err(io)?;
     stream.set_write_timeout(Some(deadline)).map_err(io)?;
     let ours = ConnectionHeader::new()
         .with("callerid", our_name)
@@ -198,7 +216,7 @@ fn shake_hands(
         .with("topic", topic)
         .with("type", "*");
     stream.write_all(&ours.encode()).map_err(io)?;
-    let theirs = ConnectionHeader::read(stream)?;
+    let theirs = ConnectionHeader::receive(stream, deadline)?;
     if let Some(error) = theirs.get("error") {
         return Err(error.to_owned());
     }
@@ -209,4 +227,50 @@ fn shake_hands(
     }
     stream.set_nonblocking(true).map_err(io)?;
     Ok(theirs)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const OURS: &str = "http://us:1/";
+    const TALKER: &str = "http://talker:1/";
+
+    fn update(subscription: &Subscription, registered: &[&str]) -> Vec<String> {
+        subscription.update(registered.iter().map(|uri| (*uri).to_owned()).collect(), OURS)
+    }
+
+    #[test]
+    fn who_advertises_again_before_its_end_was_seen_is_connected_to_again() {
+        let subscription = Subscription::default();
+        assert_eq!(update(&subscription, &[TALKER, OURS]), [TALKER]);
+        assert!(update(&subscription, &[]).is_empty());
+        // The old connection is not known to have ended.
+        assert!(update(&subscription, &[TALKER]).is_empty());
+        assert!(subscription.lost(TALKER));
+        // It is being connected to.
+        assert!(update(&subscription, &[TALKER]).is_empty());
+    }
+
+    #[test]
+    fn who_is_gone_is_connected_to_when_it_is_registered() {
+        let subscription = Subscription::default();
+        update(&subscription, &[TALKER]);
+        update(&subscription, &[]);
+        assert!(!subscription.lost(TALKER));
+        assert_eq!(update(&subscription, &[TALKER]), [TALKER]);
+        subscription.not_reached(TALKER);
+        assert_eq!(update(&subscription, &[TALKER]), [TALKER]);
+    }
+
+    #[test]
+    fn who_ends_each_connection_is_connected_to_a_few_times() {
+        let subscription = Subscription::default();
+        update(&subscription, &[TALKER]);
+        let again = |_| subscription.lost(TALKER);
+        assert_eq!((0..6).map(again).collect::<Vec<_>>(), [true, true, true, true, false, false]);
+        update(&subscription, &[]);
+        assert_eq!(update(&subscription, &[TALKER]), [TALKER]);
+        assert!(subscription.lost(TALKER));
+    }
 }
