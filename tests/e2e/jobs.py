@@ -81,7 +81,10 @@ def account(namespace: str, job: k.Object) -> str:
     status = job["status"]
     lines = [json.dumps({key: status.get(key) for key in ("conditions", "cases", "ledger")})]
     if "results" in status:
-        rows = k.results(namespace, status["results"])[1]
+        try:
+            rows = k.results(namespace, status["results"])[1]
+        except k.KubectlError as error:
+            rows, lines = [], [*lines, f"and no results can be read: {error}"]
         lines += [json.dumps(row) for row in rows if row["outcome"] != "passed"]
     return "\n".join(lines)
 
