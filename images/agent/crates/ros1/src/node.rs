@@ -53,8 +53,8 @@ pub(crate) struct Graph {
     pause: (Mutex<()>, Condvar),
 }
 
-/// A topic and the slave URI of a publisher to connect to.
-type Job = (Arc<str>, String);
+/// A topic, the slave URI of a publisher to connect to, and how often that is tried.
+type Job = (Arc<str>, String, u32);
 type Publications = Mutex<BTreeMap<String, Arc<Publication>>>;
 
 impl Node {
@@ -121,8 +121,8 @@ impl Node {
                 .spawn(move || {
                     loop {
                         let job = lock(&jobs).recv();
-                        let Ok((topic, uri)) = job else { return };
-                        graph.connect_to(&inbox, &topic, &uri);
+                        let Ok((topic, uri, attempts)) = job else { return };
+                        graph.connect_to(&inbox, &topic, &uri, attempts);
                     }
                 })
                 .map_err(RosError::io("a thread that connects to publishers can't start"))?;
@@ -271,14 +271,14 @@ impl Graph {
         };
         let topic: Arc<str> = topic.into();
         for uri in subscription.update(uris, self.slave_uri()) {
-            self.ask_to_connect(&topic, uri);
+            self.ask_to_connect(&topic, uri, subscriber::ATTEMPTS);
         }
     }
 
-    fn ask_to_connect(&self, topic: &Arc<str>, uri: String) {
+    fn ask_to_connect(&self, topic: &Arc<str>, uri: String, attempts: u32) {
         if let Some(connect) = lock(&self.connect).as_ref() {
             // Without a receiver the node is ending.
-            let _ending = connect.send((Arc::clone(topic), uri));
+            let _ending = connect.send((Arc::clone(topic), uri, attempts));
         }
     }
 
@@ -288,16 +288,17 @@ impl Graph {
 
     fn lost(&self, topic: &str, uri: &str) {
         if self.subscription(topic).is_some_and(|subscription| subscription.lost(uri)) {
-            self.ask_to_connect(&topic.into(), uri.to_owned());
+            // Who advertised again listens; a node that was killed stays registered.
+            self.ask_to_connect(&topic.into(), uri.to_owned(), 1);
         }
     }
 
     /// Connects to one publisher, a few times with a growing pause.
-    fn connect_to(&self, inbox: &Inbox, topic: &Arc<str>, uri: &str) {
+    fn connect_to(&self, inbox: &Inbox, topic: &Arc<str>, uri: &str, attempts: u32) {
         let Some(subscription) = self.subscription(topic) else {
             return;
         };
-        for attempt in 0..subscriber::ATTEMPTS {
+        for attempt in 0..attempts {
             if self.stopped.load(Ordering::Acquire) || !subscription.wants(uri) {
                 break;
             }

@@ -76,12 +76,16 @@ impl Subscription {
 
     /// A connection has ended. Whether the caller is to make another one, since the publisher is
     /// registered: it may have taken its topic back and advertised it again before this end was seen.
-    /// Of one that ends its connections time and again it is not, until it registers again.
+    /// Of one that ends its connections time and again without a message it is not, until it registers
+    /// again.
     #[must_use]
     pub(crate) fn lost(&self, uri: &str) -> bool {
         let mut state = lock(&self.state);
-        state.connected.remove(uri);
+        let ended = state.connected.remove(uri);
         state.may_latch.remove(uri);
+        if ended.is_some_and(|(_, counts)| counts.messages.load(Ordering::Relaxed) > 0) {
+            state.renewed.remove(uri);
+        }
         let renewed = state.renewed.get(uri).copied().unwrap_or(0);
         if !state.registered.contains(uri) || renewed >= ATTEMPTS {
             state.taken.remove(uri);
@@ -268,9 +272,19 @@ mod tests {
         let subscription = Subscription::default();
         update(&subscription, &[TALKER]);
         let again = |_| subscription.lost(TALKER);
+        let gives_one = || {
+            let counts = Arc::new(Counts::default());
+            counts.messages.store(1, Ordering::Relaxed);
+            lock(&subscription.state).connected.insert(TALKER.to_owned(), (1, counts));
+        };
         assert_eq!((0..6).map(again).collect::<Vec<_>>(), [true, true, true, true, false, false]);
         update(&subscription, &[]);
         assert_eq!(update(&subscription, &[TALKER]), [TALKER]);
         assert!(subscription.lost(TALKER));
+        // The ends of one that publishes are not counted together.
+        for _end in 0..9 {
+            gives_one();
+            assert!(subscription.lost(TALKER));
+        }
     }
 }
