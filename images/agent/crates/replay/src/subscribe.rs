@@ -70,6 +70,8 @@ pub(crate) fn wait_for_stack(
     while watch.now() < begin {
         watch.sleep_until(begin.min(watch.now() + LOOK))?;
         player.show_clock(watch)?;
+        // Who comes meanwhile is met before the play begins.
+        discovery.look()?;
     }
     match discovery.node.begin() {
         gone if gone.is_empty() => Ok(()),

@@ -54,7 +54,7 @@ pub(crate) struct Subscriptions {
     /// The stack's own publishers of the topic, whose messages it takes too, with what they had
     /// published before.
     others: RwLock<BTreeMap<EndpointId, u64>>,
-    mixed: bool,
+    mixed: AtomicBool,
 }
 
 /// How far a node's subscriptions and the stack's own publishers of a topic were when we began to
@@ -142,8 +142,16 @@ impl Subscriptions {
                 strength: subscriptions.iter().map(|one| one.strength).min()?,
             }),
             others: RwLock::new(others),
-            mixed,
+            mixed: AtomicBool::new(mixed),
         })
+    }
+
+    /// Counts from there instead, as nothing of ours has gone out.
+    fn count_from(&self, baseline: Baseline) {
+        let mut now = self.now.write().unwrap_or_else(PoisonError::into_inner);
+        (now.taken, now.earlier, now.lost) = (baseline.taken, 0, 0);
+        *self.others.write().unwrap_or_else(PoisonError::into_inner) = baseline.others;
+        self.mixed.store(baseline.mixed, Ordering::Relaxed);
     }
 
     /// Whether these are still all that there are.
@@ -153,7 +161,8 @@ impl Subscriptions {
     }
 
     /// Takes in that these are there in place of those before, to whom so many were sent: one that
-    /// stays goes on to count, and one that is new has taken nothing but ours.
+    /// stays goes on to count, and one that is new has taken nothing but ours, or is given again what
+    /// the stack's own publishers keep.
     fn replace(
         &self,
         subscriptions: &[&Endpoint],
@@ -163,6 +172,13 @@ impl Subscriptions {
         let mut now = self.now.write().unwrap_or_else(PoisonError::into_inner);
         let least = now.least(ledger)?;
         let before: BTreeMap<EndpointId, u64> = now.taken.iter().copied().collect();
+        let others = self.others.read().unwrap_or_else(PoisonError::into_inner);
+        for id in others.keys() {
+            let is_new = |one: &&Endpoint| !before.contains_key(&one.id);
+            if ledger.counts(*id)?.offered > 0 && subscriptions.iter().any(is_new) {
+                self.mixed.store(true, Ordering::Relaxed);
+            }
+        }
         let known =
             |one: &&Endpoint| (one.id, before.get(&one.id).map_or(0, |taken| taken + least));
         now.earlier += least;
@@ -235,7 +251,14 @@ impl Link {
 
     /// Whether what it takes of ours can't be distinguished from what it takes of the stack's own.
     pub(crate) fn is_mixed(&self) -> bool {
-        self.counted.as_ref().is_some_and(|one| one.mixed)
+        self.counted.as_ref().is_some_and(|one| one.mixed.load(Ordering::Relaxed))
+    }
+
+    /// Counts from there instead, as nothing of ours has gone out.
+    pub(crate) fn count_from(&self, baseline: Baseline) {
+        if let Some(counted) = &self.counted {
+            counted.count_from(baseline);
+        }
     }
 
     /// Whether it is there, and nothing is known of it.

@@ -8,8 +8,9 @@ mod standin;
 
 use bagpipe_log::Connection;
 use bagpipe_replay::{Mode, Replayed, Strength};
-use bagpipe_ros2ledger::Kind;
+use bagpipe_ros2ledger::{Endpoint, Kind};
 use scene::{Ask, DEFAULT, Scene, imu, recorded, recording, recording_of};
+use standin::eventually;
 
 #[test]
 fn who_has_published_before_and_returns_late_lacks_nothing_of_the_recording() {
@@ -111,4 +112,31 @@ fn what_waited_of_the_stack_s_own_when_we_came_hides_no_loss_of_ours() {
 #[test]
 fn nor_does_it_make_room_in_a_queue_that_has_none() {
     assert_eq!(behind_others(10, "50000", Mode::Max), (0, 0));
+}
+
+#[test]
+fn nor_where_the_node_is_at_other_work_and_looks_at_no_queue() {
+    let scene = Scene::new();
+    let queue = "/in:std_msgs/msg/String:10:reliable:transient_local";
+    let work = "/work:std_msgs/msg/String:10:reliable:transient_local";
+    let lane = ["--name", "/lane", "--relay", "/in=/out", "--first-us", "500000"];
+    let ends = ["--sub", work, "--sub", queue];
+    let _lane = scene.start("standin_node", &[&lane[..], &ends, &OUT].concat());
+    let taken = |topic: &str| {
+        let all = scene.ledger.endpoints().unwrap();
+        let of = |one: &&Endpoint| one.kind == Kind::Subscription && one.topic == topic;
+        all.iter().find(of).map_or(0, |one| one.counts.taken)
+    };
+    let _worker =
+        scene.start("standin_node", &["--name", "/worker", "--pub", work, "--burst", "1"]);
+    eventually(|| taken("/work") == 1);
+    // It was seen to have nothing left before it began that.
+    let _other =
+        scene.start("standin_node", &["--name", "/other", "--pub", queue, "--burst", "10"]);
+    scene.await_published("/in", 10);
+    let qos = LATCHED.replace("100", "10");
+    let ask = Ask { mode: Mode::Max, ..DEFAULT };
+    let replayed = scene.play(&recording_of(&strings(&qos), 50, 60), &ask).unwrap();
+    assert_eq!((replayed.ledger.sent, replayed.ledger.dropped), (50, 0));
+    assert_eq!((replayed.ledger.strength, taken("/in")), (Some(Strength::Called), 60));
 }

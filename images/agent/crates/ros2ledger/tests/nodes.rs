@@ -171,6 +171,10 @@ fn topic_qos_thread_and_process_are_those_of_the_node() {
     let thread: u32 = node.ask("thread").parse().unwrap();
     let map = subscription(&ledger, "/map");
     assert_eq!((map.thread, map.counts.taken, map.counts.rested), (Some(thread), 1, Some(1)));
+    ledger.forget_rest(map.id).unwrap();
+    assert_eq!(subscription(&ledger, "/map").counts.rested, None);
+    node.obey(&["empty /map 1"]);
+    assert_eq!(subscription(&ledger, "/map").counts.rested, Some(1));
     let process = only_process(&ledger);
     assert_eq!((process.id, process.alive, process.unlisted), (map.process, true, 0));
 }

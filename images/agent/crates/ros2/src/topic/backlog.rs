@@ -29,14 +29,15 @@ pub(super) struct Backlog {
 pub(super) struct Stand {
     /// What all publishers had published.
     offered: u64,
-    /// What each subscription had taken, and whether nothing was left for it.
+    /// What each subscription had taken, and whether nothing was seen to be left for it since the
+    /// look before.
     taken: Vec<(u64, bool)>,
 }
 
 impl Stand {
-    /// Whether all that was ever published has been taken, by each subscription.
+    /// Whether nothing was ever published, or each subscription has taken all of it.
     fn is_whole(&self) -> bool {
-        self.taken.iter().all(|(taken, _)| *taken >= self.offered)
+        self.offered == 0 || self.taken.iter().all(|(taken, _)| *taken == self.offered)
     }
 
     fn is_at_rest(&self) -> bool {
@@ -55,11 +56,13 @@ impl Stand {
 impl Backlog {
     /// Takes in a look, with how far all were if that is known; whether nothing is left.
     ///
-    /// At a moment at which a queue was empty a message may have been on its way to it. So it has to
-    /// be so twice, as long after each other as that takes, with as much taken in between as published.
+    /// At a moment at which a queue was empty a message may have been on its way to it, and a node that
+    /// has other work does not look. So it has to be so twice, as long after each other as a message
+    /// takes, with as much taken in between as published.
     pub(super) fn look(&mut self, now: Instant, stand: Option<Stand>) -> bool {
-        let passed = self.looked.replace(now).map_or(Duration::ZERO, |before| now - before);
-        self.lasted += counted(passed);
+        // Whoever is at rest was seen to be since then.
+        let seen = self.looked.replace(now).unwrap_or(now);
+        self.lasted += counted(now - seen);
         let Some(stand) = stand else { return false };
         if stand.is_whole() {
             return true;
@@ -68,7 +71,7 @@ impl Backlog {
             return false;
         }
         match &self.rest {
-            Some((since, before)) if stand.has_come_with(before) => *since + ON_ITS_WAY <= now,
+            Some((since, before)) if stand.has_come_with(before) => *since + ON_ITS_WAY <= seen,
             _ => {
                 self.rest = Some((now, stand));
                 false
@@ -102,6 +105,7 @@ pub(super) fn stand(
     let mut taken = Vec::new();
     for one in subscriptions {
         let counts = ledger.counts(one.id)?;
+        ledger.forget_rest(one.id)?;
         taken.push((one.id, counts.taken, counts.rested == Some(counts.taken)));
     }
     let after = offered()?;
@@ -141,6 +145,7 @@ mod tests {
     #[test]
     fn who_has_taken_all_there_was_has_nothing_left() {
         assert!(after(&[(0, stand(0, 0, false))]));
+        assert!(after(&[(0, stand(0, 9, false))]));
         assert!(after(&[(0, stand(7, 7, false))]));
         assert!(!after(&[(0, stand(7, 6, false))]));
         assert!(!after(&[(0, None)]));
@@ -150,17 +155,27 @@ mod tests {
     fn who_came_late_has_nothing_left_after_two_moments_of_rest_with_nothing_lost_between() {
         let first = (0, stand(100, 3, true));
         assert!(!after(std::slice::from_ref(&first)));
-        assert!(!after(&[first.clone(), (99, stand(100, 3, true))]));
-        assert!(after(&[first.clone(), (100, stand(100, 3, true))]));
-        assert!(after(&[first.clone(), (50, None), (100, stand(120, 23, true))]));
+        // What is seen at a look may have been so since the one before.
+        let seen = |at, stand| after(&[first.clone(), (at, None), (900, stand)]);
+        assert!(!after(&[first.clone(), (900, stand(100, 3, true))]));
+        assert!(!seen(99, stand(100, 3, true)));
+        assert!(seen(100, stand(100, 3, true)));
+        assert!(seen(100, stand(120, 23, true)));
         // One was on its way, and has come.
-        assert!(!after(&[first.clone(), (100, stand(100, 4, true))]));
-        assert!(!after(&[first.clone(), (100, stand(101, 3, true))]));
-        assert!(!after(&[first.clone(), (100, stand(100, 3, false))]));
+        assert!(!seen(100, stand(100, 4, true)));
+        assert!(!seen(100, stand(101, 3, true)));
+        assert!(!seen(100, stand(100, 3, false)));
         // From there on it counts again.
-        let then = [first, (100, stand(100, 4, true)), (199, stand(100, 4, true))];
-        assert!(!after(&then));
-        assert!(after(&[&then[..], &[(200, stand(100, 4, true))]].concat()));
+        let then = [first, (100, None), (200, stand(100, 4, true)), (299, None)];
+        assert!(!after(&[&then[..], &[(900, stand(100, 4, true))]].concat()));
+        let then = [&then[..3], &[(300, None), (900, stand(100, 4, true))]].concat();
+        assert!(after(&then));
+    }
+
+    #[test]
+    fn more_than_was_published_comes_from_somebody_who_does_not_count() {
+        assert!(!after(&[(0, stand(7, 8, false))]));
+        assert!(after(&[(0, stand(7, 8, true)), (100, None), (120, stand(7, 8, true))]));
     }
 
     #[test]
@@ -170,7 +185,7 @@ mod tests {
         };
         assert!(after(&[(0, both((9, false), (9, true)))]));
         assert!(!after(&[(0, both((9, false), (8, true)))]));
-        let apart = |second| after(&[(0, both((1, true), (2, true))), (200, second)]);
+        let apart = |second| after(&[(0, both((1, true), (2, true))), (100, None), (200, second)]);
         assert!(apart(both((1, true), (2, true))));
         assert!(!apart(both((1, true), (3, true))));
         assert!(!apart(both((1, true), (2, false))));

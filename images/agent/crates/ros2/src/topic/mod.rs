@@ -16,6 +16,7 @@ use bagpipe_ros2ledger::{Endpoint, Kind, Ledger};
 use bagpipe_ros2player::{Player, PublisherId, Qos};
 
 use crate::link::{Link, Totals};
+use crate::node::PLAYER;
 use crate::qos::incompatible;
 pub(crate) use look::Look;
 
@@ -57,7 +58,7 @@ pub(crate) struct Topic {
     looked: Mutex<Totals>,
     /// Endpoints that the ledger had listed when somebody last looked.
     listed: AtomicU32,
-    /// Nodes that publish it beside us, as the graph has them: some may not count.
+    /// Nodes that publish it beside us or have done so, as the graph had them: some may not count.
     others: Mutex<BTreeSet<String>>,
 }
 
@@ -92,9 +93,12 @@ impl Topic {
         self.links().iter().any(|link| link.is_open()).then_some(otherwise)
     }
 
-    /// Takes in the nodes that publish it beside us.
+    /// Takes in the nodes that publish it beside us: what one has published is taken though it is gone.
+    /// The player of a case before is in the graph for a while, and has published nothing in this one.
     pub(crate) fn note_publishers<'n>(&self, nodes: impl Iterator<Item = &'n String>) {
-        *self.others.lock().unwrap_or_else(PoisonError::into_inner) = nodes.cloned().collect();
+        let mut others = self.others.lock().unwrap_or_else(PoisonError::into_inner);
+        others.retain(|node| !node.starts_with(PLAYER));
+        others.extend(nodes.cloned());
     }
 
     /// Nodes that publish it in processes that do not count: what its subscribers take of them

@@ -17,6 +17,9 @@ use crate::stillness::counted;
 
 /// A subscription whose process has not reported for so long whom it knows is believed to know us.
 const UNREPORTED: Duration = Duration::from_secs(2);
+/// How long a subscription is waited for at most that may have messages of the stack's own to take, where
+/// a look takes so long that little of that time counts.
+const RESTLESS: Duration = Duration::from_secs(10);
 /// How long we may take to know a subscription in place of another of the same node, at which the
 /// number that we know stays the same. Fast DDS was measured to take up to 0.24 s.
 const RENEWED: Duration = Duration::from_millis(300);
@@ -64,6 +67,9 @@ impl Topic {
             let owner = (counted.process, link.node.clone());
             let there = nodes.get(&owner).map(Vec::as_slice).unwrap_or_default();
             let others = link.replace(there, &self.means.ledger)?;
+            if others {
+                self.backlogs.lock().unwrap_or_else(PoisonError::into_inner).remove(&owner);
+            }
             if there.is_empty() && link.is_open() && look.running.contains(&owner.0) {
                 self.departed().insert(owner, Absence::begin());
             }
@@ -99,10 +105,16 @@ impl Topic {
         (look, missed): (&Look, Totals),
     ) -> Result<(), LedgerError> {
         let known = links.iter().rev().find(|link| link.is_of(owner)).cloned();
-        if known.as_ref().is_some_and(|link| link.is_open()) {
+        let begun = self.sent().totals.messages() > 0;
+        if let Some(link) = known.as_ref().filter(|link| link.is_open()) {
+            if link.is_mixed() && !begun {
+                let baseline = self.baseline(owner, subscriptions, look, begun)?;
+                if !baseline.mixed {
+                    link.count_from(baseline);
+                }
+            }
             return Ok(());
         }
-        let begun = self.sent().totals.messages() > 0;
         let at_once = begun && self.means.paced_by == PacedBy::Schedule;
         let baseline = self.baseline(owner, subscriptions, look, begun)?;
         let waits = baseline.mixed && known.is_none() && !begun;
@@ -255,9 +267,17 @@ impl Topic {
     /// Whether somebody is to be waited for who subscribes and does not know us yet, or has just left
     /// to subscribe again, and was not waited for in vain. By the clock nobody is.
     pub(super) fn has_strangers(&self) -> bool {
-        let is_new = |since: &Instant| since.elapsed() < UNREPORTED + RENEWED;
+        let begun = self.sent().totals.messages() > 0;
+        let links = self.links();
+        let rests_yet = |owner: &Owner| {
+            !begun && !links.iter().any(|link| link.is_of(owner)) && self.may_come_to_rest(owner)
+        };
+        let is_new = |(owner, since): (&Owner, &Instant)| {
+            let known_for = since.elapsed();
+            known_for < UNREPORTED + RENEWED || (known_for < RESTLESS && rests_yet(owner))
+        };
         self.means.paced_by == PacedBy::Subscribers
-            && (self.strangers().values().any(is_new) || !self.departed().is_empty())
+            && (self.strangers().iter().any(is_new) || !self.departed().is_empty())
     }
 
     /// Before a message goes out: whoever has begun to subscribe since the last one is noticed, and
