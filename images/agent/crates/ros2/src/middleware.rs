@@ -8,7 +8,8 @@ use bagpipe_graph::{GraphError, Middleware, NodeOptions, ReadStamp, Sink, TopicI
 use bagpipe_ros2player::{Player, PlayerError, PlayerOptions};
 
 use crate::error::failed;
-use crate::node::{Graph, PLAYER};
+use crate::node::Graph;
+use crate::topic::PLAYER;
 use crate::{Ros2Options, clock, stamp};
 
 /// Room for messages on their way to the player's program, and for those on their way from it, in

@@ -25,8 +25,6 @@ use crate::stillness::Stillness;
 use crate::topic::{Means, Topic};
 use crate::{QosOverride, Ros2Options, qos};
 
-/// What our players' names begin with; their process and a number follow.
-pub(crate) const PLAYER: &str = "/bagpipe_player_";
 /// How long a message may be on its way to us once all is over.
 const ON_ITS_WAY: Duration = Duration::from_secs(1);
 

@@ -9,11 +9,11 @@ use bagpipe_graph::{GraphError, Publication, SystemState};
 use bagpipe_ros2ledger::{Endpoint, Kind, Unlisted};
 use bagpipe_ros2player::GraphNode;
 
-use super::{Graph, PLAYER};
+use super::Graph;
 use crate::error::failed;
 use crate::seen::state;
 use crate::stillness::counted;
-use crate::topic::{Look, Topic, uncounted};
+use crate::topic::{Look, PLAYER, Topic, uncounted};
 
 /// How long a subscription may be in the graph before its process has listed it: a moment, unless that
 /// gets no processor just then.

@@ -16,7 +16,6 @@ use bagpipe_ros2ledger::{Endpoint, Kind, Ledger};
 use bagpipe_ros2player::{Player, PublisherId, Qos};
 
 use crate::link::{Link, Totals};
-use crate::node::PLAYER;
 use crate::qos::incompatible;
 pub(crate) use look::Look;
 
@@ -24,6 +23,9 @@ use backlog::Backlog;
 use credit::Sent;
 use look::Owner;
 use subscribers::Absence;
+
+/// What our players' names begin with; their process and a number follow.
+pub(crate) const PLAYER: &str = "/bagpipe_player_";
 
 /// What all topics of a node share.
 pub(crate) struct Means {
