@@ -172,11 +172,11 @@ impl Subscriptions {
         let mut now = self.now.write().unwrap_or_else(PoisonError::into_inner);
         let least = now.least(ledger)?;
         let before: BTreeMap<EndpointId, u64> = now.taken.iter().copied().collect();
-        let others = self.others.read().unwrap_or_else(PoisonError::into_inner);
-        for id in others.keys() {
-            let is_new = |one: &&Endpoint| !before.contains_key(&one.id);
-            if ledger.counts(*id)?.offered > 0 && subscriptions.iter().any(is_new) {
-                self.mixed.store(true, Ordering::Relaxed);
+        if subscriptions.iter().any(|one| !before.contains_key(&one.id)) {
+            let others = self.others.read().unwrap_or_else(PoisonError::into_inner);
+            for id in others.keys() {
+                let publishes = ledger.counts(*id)?.offered > 0;
+                self.mixed.fetch_or(publishes, Ordering::Relaxed);
             }
         }
         let known =

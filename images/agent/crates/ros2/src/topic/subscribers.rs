@@ -9,7 +9,7 @@ use bagpipe_graph::{Cancelled, PacedBy, SendError};
 use bagpipe_ros2ledger::{Endpoint, Event, Kind, Ledger, LedgerError};
 
 use super::Topic;
-use super::backlog::stand;
+use super::backlog::{Backlog, stand};
 use super::look::{Look, Owner};
 use super::sending::failed;
 use crate::link::{Baseline, Link, Subscriptions, Totals};
@@ -68,7 +68,7 @@ impl Topic {
             let there = nodes.get(&owner).map(Vec::as_slice).unwrap_or_default();
             let others = link.replace(there, &self.means.ledger)?;
             if others {
-                self.backlogs.lock().unwrap_or_else(PoisonError::into_inner).remove(&owner);
+                self.backlogs().remove(&owner);
             }
             if there.is_empty() && link.is_open() && look.running.contains(&owner.0) {
                 self.departed().insert(owner, Absence::begin());
@@ -148,15 +148,14 @@ impl Topic {
             let mixed = found.others.values().any(|published| *published > 0);
             return Ok(Baseline { taken, mixed, ..found });
         }
-        let mut backlogs = self.backlogs.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut backlogs = self.backlogs();
         let backlog = backlogs.entry(owner.clone()).or_default();
         Ok(Baseline { mixed: !backlog.look(Instant::now(), stand), ..found })
     }
 
     /// Whether a node is still waited for that may have messages of the stack's own to take.
     fn may_come_to_rest(&self, owner: &Owner) -> bool {
-        let backlogs = self.backlogs.lock().unwrap_or_else(PoisonError::into_inner);
-        backlogs.get(owner).is_some_and(|backlog| !backlog.is_given_up())
+        self.backlogs().get(owner).is_some_and(|backlog| !backlog.is_given_up())
     }
 
     /// Whether a node is there that does not count, as somebody has found.
@@ -258,6 +257,10 @@ impl Topic {
 
     fn strangers(&self) -> MutexGuard<'_, BTreeMap<Owner, Instant>> {
         self.strangers.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn backlogs(&self) -> MutexGuard<'_, BTreeMap<Owner, Backlog>> {
+        self.backlogs.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn departed(&self) -> MutexGuard<'_, BTreeMap<Owner, Absence>> {
