@@ -195,6 +195,8 @@ impl<'a, O: Outlet + ?Sized> Player<'a, O> {
             }
             self.tick(message.time, watch)?;
             if place == last && share == Share::Counted {
+                // A stack that has ended by now did not end behind the last message.
+                watch.check()?;
                 watch.last_goes_out();
             }
             self.send(place, share, watch)?;

@@ -13,6 +13,7 @@ mod ledger;
 mod lockstep;
 mod master;
 mod pause;
+mod player;
 mod proof;
 mod realtime;
 mod scripted;
