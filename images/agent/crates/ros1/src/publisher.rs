@@ -34,13 +34,30 @@ struct Link {
     stream: TcpStream,
 }
 
+/// Last frame of a latched topic per publishing node of the recording.
+type Latched = BTreeMap<String, (Share, Arc<[u8]>)>;
+
 #[derive(Default)]
 struct Links {
     all: Vec<Link>,
-    /// Last frame of a latched topic per publishing node of the recording.
-    latched: BTreeMap<String, (Share, Arc<[u8]>)>,
+    latched: Latched,
     refused: Vec<String>,
-    next: u64,
+}
+
+impl Links {
+    /// What is latched of which `known` has not this very frame.
+    fn latched_beyond(&self, known: &Latched) -> Latched {
+        let is_known = |publisher: &str, frame: &Arc<[u8]>| {
+            known.get(publisher).is_some_and(|(_, known)| Arc::ptr_eq(known, frame))
+        };
+        let new = self.latched.iter().filter(|(publisher, (_, frame))| !is_known(publisher, frame));
+        new.map(|(publisher, latched)| (publisher.clone(), latched.clone())).collect()
+    }
+
+    fn add(&mut self, mut link: Link) {
+        link.state.id = self.all.len() as u64 + 1;
+        self.all.push(link);
+    }
 }
 
 /// An advertised topic and its subscribers.
@@ -64,8 +81,8 @@ impl Publication {
         open.map(Link::unread).max().unwrap_or(0)
     }
 
-    /// Answers a subscriber's header and takes it in. The latched messages go out first,
-    /// under the same lock as [`Outlet::send`], so that no message overtakes them.
+    /// Answers a subscriber's header and takes it in once it has read what is latched, so that no
+    /// message overtakes that. Until then the play does not wait for it.
     pub(crate) fn welcome(
         &self,
         node_name: &str,
@@ -81,12 +98,10 @@ impl Publication {
         }
         let io = |error: std::io::Error| error.to_string();
         stream.set_nodelay(true).map_err(io)?;
-        let mut links = lock(&self.links);
         stream.write_all(&self.greeting(node_name)).map_err(io)?;
         stream.set_nonblocking(true).map_err(io)?;
-        links.next += 1;
         let state = LinkState {
-            id: links.next,
+            id: 0,
             node: header.text("callerid").to_owned(),
             instance: 0,
             lead_in: 0,
@@ -95,12 +110,23 @@ impl Publication {
             open: true,
         };
         let mut link = Link { state, stream };
-        for (share, frame) in links.latched.values() {
-            self.send_to(&mut link, *share, &[frame], &mut || false)
-                .map_err(|_| "it did not read the latched messages".to_owned())?;
+        let mut known = Latched::new();
+        loop {
+            let new = {
+                let mut links = lock(&self.links);
+                let new = links.latched_beyond(&known);
+                if new.is_empty() {
+                    links.add(link);
+                    return Ok(());
+                }
+                new
+            };
+            for (share, frame) in new.values() {
+                self.send_to(&mut link, *share, &[frame], &mut || false)
+                    .map_err(|_| "it did not read the latched messages".to_owned())?;
+            }
+            known.extend(new);
         }
-        links.all.push(link);
-        Ok(())
     }
 
     fn agrees(&self, header: &ConnectionHeader) -> Result<(), String> {
@@ -315,7 +341,69 @@ fn advance<'a, 'b>(frames: &'a [&'b [u8]], mut written: usize) -> (&'a [&'b [u8]
 
 #[cfg(test)]
 mod tests {
+    use std::io::Read;
+    use std::net::TcpListener;
+
     use super::*;
+
+    /// A connection over loopback: ours, and the subscriber's.
+    fn connection() -> (TcpStream, TcpStream) {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let theirs = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
+        (listener.accept().unwrap().0, theirs)
+    }
+
+    /// A frame of so many bytes of one value.
+    fn frame(length: usize, value: u8) -> Vec<u8> {
+        [&(length as u32).to_le_bytes()[..], &vec![value; length]].concat()
+    }
+
+    fn header(node: &str) -> ConnectionHeader {
+        ConnectionHeader::new().with("callerid", node)
+    }
+
+    /// A frame's length and value, or none at the connection's end.
+    fn next_frame(mut stream: &TcpStream) -> Option<(u32, u8)> {
+        let mut length = [0; 4];
+        stream.read_exact(&mut length).ok()?;
+        let mut bytes = vec![0; u32::from_le_bytes(length) as usize];
+        stream.read_exact(&mut bytes).ok().map(|()| (bytes.len() as u32, bytes[0]))
+    }
+
+    #[test]
+    fn who_reads_the_latched_messages_slowly_keeps_no_message_from_others() {
+        let info = TopicInfo { topic: "/map".to_owned(), latching: true, ..TopicInfo::default() };
+        let publication = Publication::new(info, Duration::from_secs(60));
+        let map = 64 << 20;
+        publication.latch("/mapper", Share::LeadIn, &frame(map, 1));
+        let (slow, reads_late) = connection();
+        let (quick, reads_at_once) = connection();
+        let frames =
+            |stream: &TcpStream| std::iter::from_fn(|| next_frame(stream)).collect::<Vec<_>>();
+        let (before, after, quickly, late) = std::thread::scope(|scope| {
+            let quickly = scope.spawn(|| frames(&reads_at_once));
+            publication.welcome("/player", &header("/quick"), quick).unwrap();
+            let slowly = scope.spawn(|| publication.welcome("/player", &header("/slow"), slow));
+            next_frame(&reads_late).expect("a greeting");
+            reads_late.peek(&mut [0]).expect("the map's first byte");
+            publication.latch("/mapper", Share::Counted, &frame(8, 2));
+            publication.send(Share::Counted, &[&frame(8, 2)], &mut || false).unwrap();
+            let before = publication.subscribers();
+            let late = scope.spawn(|| frames(&reads_late));
+            slowly.join().unwrap().unwrap();
+            publication.send(Share::Counted, &[&frame(8, 3)], &mut || false).unwrap();
+            let after = publication.subscribers();
+            lock(&publication.links).all.clear();
+            (before, after, quickly.join().unwrap(), late.join().unwrap())
+        });
+        let counts = |links: Vec<LinkState>| {
+            links.into_iter().map(|link| (link.id, link.lead_in, link.counted)).collect::<Vec<_>>()
+        };
+        assert_eq!(counts(before), [(1, 1, 1)], "one of two has read the map");
+        assert_eq!(counts(after), [(1, 1, 2), (2, 1, 2)]);
+        let expected = [(map as u32, 1), (8, 2), (8, 3)];
+        assert_eq!((&quickly[1..], &late[..]), (&expected[..], &expected[..]));
+    }
 
     #[test]
     fn a_partial_write_continues_inside_the_right_frame() {
