@@ -3,12 +3,12 @@
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-use bagpipe_graph::Share;
+use bagpipe_graph::{Incoming, Publisher, Share, Sink};
 
 use super::bags::{bag_of_words, words};
 use super::realtime::{bag, bag_of_times};
 use super::{
-    AnswerBy, ByHand, Cancellation, MS, Mode, Rehearsal, Window, ms, request, say, step, window,
+    AnswerBy, ByHand, Cancellation, MS, Mode, Rehearsal, Window, ms, request, step, window,
 };
 use crate::play::Played;
 use crate::{ReplayError, Stage};
@@ -130,13 +130,16 @@ fn who_answered_each_message_is_known_of_the_topic_that_was_answered() {
     (request.mode, request.steps) = (Mode::Lockstep, vec![step(AnswerBy::Count, ms(250))]);
     let rehearsal = Rehearsal::new(&by_hand, request);
     let recorder = rehearsal.recorder.clone();
-    rehearsal.log.read_by(move |_| say(&recorder, "/answer"));
+    rehearsal.log.read_by(move |_| {
+        let publisher = &Publisher { node: Some("/lane".to_owned()), ..Publisher::default() };
+        recorder.clone().message(Incoming { topic: "/answer", publisher, link: 1, data: &[0; 4] });
+    });
     let answered = rehearsal.play(&bag_of_times(&[0, 100]), |player, plan, watch| {
         let schedule = player.schedule(0, watch.now());
         player.play(plan.counted.clone(), schedule, Share::Counted, watch).unwrap();
         player.answered()
     });
-    assert_eq!(answered, [(0, BTreeSet::from([String::new()]))]);
+    assert_eq!(answered, [(0, BTreeSet::from(["/lane".to_owned()]))]);
 }
 
 /// Plays three messages as a share, of which the stack ends at one. Whether it may.
