@@ -7,9 +7,9 @@ mod scene;
 mod standin;
 
 use bagpipe_log::Connection;
-use bagpipe_replay::{Mode, Replayed, Strength};
+use bagpipe_replay::{Mode, Progress, Replayed, Stage, Strength};
 use bagpipe_ros2ledger::{Endpoint, Kind};
-use scene::{Ask, DEFAULT, Scene, imu, recorded, recording, recording_of};
+use scene::{Ask, DEFAULT, RELAY, Scene, imu, recorded, recording, recording_of};
 use standin::eventually;
 
 #[test]
@@ -155,4 +155,29 @@ fn nor_is_a_loss_hidden_where_that_work_takes_longer_than_is_waited() {
     let ledger = &replayed.ledger;
     let unproved = ledger.strength == Some(Strength::Sent);
     assert!(unproved || ledger.dropped == lost, "{lost} lost; {ledger:?}");
+}
+
+#[test]
+fn who_published_uncounted_and_has_left_is_named_at_the_end() {
+    let scene = Scene::new();
+    let input = "/in:sensor_msgs/msg/Imu:10:reliable";
+    let _relay = scene.start("standin_node", &RELAY);
+    let leaves = ["--name", "/leaves", "--pub", input, "--burst", "1"];
+    let mut leaves = Some(scene.start_uncounted("standin_node", &leaves));
+    let looks = scene.graph.player();
+    let is_there = || looks.graph().unwrap().iter().any(|node| node.name == "/leaves");
+    eventually(is_there);
+    let mut left = false;
+    let mut seen = |progress: Progress| {
+        if progress.stage == Stage::Play && !left {
+            assert!(leaves.take().unwrap().end());
+            eventually(|| !is_there());
+            left = true;
+        }
+    };
+    let ask = Ask { mode: Mode::Realtime, ..DEFAULT };
+    let replayed = scene.play_while(&recording(&["/in"], 700, 100), &ask, &mut seen).unwrap();
+    assert_eq!(replayed.ledger.strength, Some(Strength::Sent));
+    let warnings = replayed.playback.warnings.join("; ");
+    assert!(warnings.contains("/leaves publishes /in too"), "{warnings}");
 }
