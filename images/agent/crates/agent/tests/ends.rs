@@ -288,3 +288,45 @@ fn an_allowed_end_of_the_command_ends_no_replay() {
     assert_eq!(at(&result, "stack.ended.0.cause").as_str(), Some("StackExited"));
     assert_eq!(at(&result, "ledger.received").as_u64(), Some(250));
 }
+
+/// A node that has its rosmaster sleep before it crashes itself, at its thirtieth message.
+const SILENCES: &str = r#"
+cat > "$ROS_HOME/node.py" <<'END'
+import os, signal, rospy
+from std_msgs.msg import String
+rospy.init_node("crasher")
+out = rospy.Publisher("/echo", String, queue_size=1000)
+port = os.environ["ROS_MASTER_URI"].rsplit(":", 1)[1].strip("/")
+def is_master(pid):
+    try:
+        words = open("/proc/" + pid + "/cmdline").read()
+    except OSError:
+        return False
+    return "rosmaster" in words and port in words and "sh" not in words.split("\0")[0]
+received = [0]
+def answer(message):
+    out.publish(message.data)
+    received[0] += 1
+    if received[0] == 30:
+        for pid in filter(is_master, filter(str.isdigit, os.listdir("/proc"))):
+            os.kill(int(pid), signal.SIGSTOP)
+        os.kill(os.getpid(), signal.SIGSEGV)
+rospy.Subscriber("/chatter", String, answer, queue_size=1000)
+rospy.spin()
+END
+/usr/bin/python3 "$ROS_HOME/node.py" &
+wait
+sleep 1000
+"#;
+
+#[test]
+fn a_crash_is_the_reason_also_where_the_rosmaster_does_not_answer_any_more() {
+    if without_ros() {
+        return;
+    }
+    let agent = Agent::start(1);
+    let abort = agent.run(0, agent.case_with_rosmaster(SILENCES), &chatter(50)).abort();
+    assert_eq!(abort.reason, "StackCrashed", "{}", abort.message);
+    let then = "; then: which nodes were there during the case can't be known";
+    assert!(abort.message.contains("SIGSEGV") && abort.message.contains(then), "{}", abort.message);
+}

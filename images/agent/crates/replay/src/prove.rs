@@ -13,6 +13,9 @@ use crate::time::Time;
 /// A subscriber of a topic: the topic's place and the connection's number.
 type Key = (usize, u64);
 
+/// The places of topics, by the names that connections have where a node is asked.
+type Places = BTreeMap<(String, u64), usize>;
+
 /// What is known of every subscriber's connection.
 pub(crate) struct Proof {
     audit: Box<dyn Audit>,
@@ -80,7 +83,7 @@ impl Proof {
     /// lost.
     pub(crate) fn ask(&mut self, topics: &[Arc<dyn Publication>]) {
         let mut nodes: BTreeMap<String, BTreeMap<String, Vec<u64>>> = BTreeMap::new();
-        let mut places = BTreeMap::new();
+        let mut places = Places::new();
         let seen = self.see(topics);
         for (at, publication) in topics.iter().enumerate() {
             let topic = &publication.info().topic;
@@ -93,6 +96,9 @@ impl Proof {
         }
         for (node, links) in nodes {
             let Ok(answer) = self.audit.ask(&node, &links) else { continue };
+            if self.audit.outlives_nodes() {
+                self.forget(&links, &places);
+            }
             for (link, received) in answer {
                 let Some(at) = places.get(&link) else { continue };
                 let key = (*at, link.1);
@@ -108,6 +114,18 @@ impl Proof {
         for (key, sent) in sent(topics) {
             if seen.get(&key) != Some(&sent) {
                 self.known.entry(key).or_default().place = Place::Unknown;
+            }
+        }
+    }
+
+    /// Of who is asked where nodes have no say, what is not answered is not known any more.
+    fn forget(&mut self, links: &BTreeMap<String, Vec<u64>>, places: &Places) {
+        for (topic, numbers) in links {
+            for number in numbers {
+                let Some(at) = places.get(&(topic.clone(), *number)) else { continue };
+                if let Some(known) = self.known.get_mut(&(*at, *number)) {
+                    known.now = None;
+                }
             }
         }
     }

@@ -17,7 +17,7 @@ use crate::drain::{Drain, PAUSE, SWEEP};
 use crate::ledger::{ledger, present};
 use crate::lockstep::Lockstep;
 use crate::machine::{Foreign, Gauge};
-use crate::outcome::{Ledger, Playback, Replayed, Timings};
+use crate::outcome::{Ledger, LedgerSubscriber, Playback, Replayed, Strength, Timings};
 use crate::patience::Patience;
 use crate::plan::Plan;
 use crate::play::{Pace, Player};
@@ -414,7 +414,9 @@ fn warnings(ledger: &Ledger, mode: Mode) -> Vec<String> {
         }
     };
     let lines = ledger.topics.iter().flat_map(|topic| {
-        topic.subscribers.iter().filter(|line| line.dropped > 0).map(move |line| {
+        // Of who is not known to have received anything it is not known what was lost either.
+        let lost = |line: &&LedgerSubscriber| line.dropped > 0 && line.strength > Strength::Sent;
+        topic.subscribers.iter().filter(lost).map(move |line| {
             let (node, name, dropped, sent) = (&line.node, &topic.topic, line.dropped, topic.sent);
             format!("{node} lost {dropped} of {sent} messages of {name}: {advice}")
         })

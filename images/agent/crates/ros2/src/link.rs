@@ -82,6 +82,8 @@ struct Now {
     depth: u64,
     /// The weakest of them.
     strength: Strength,
+    /// Whether one is given what its own process publishes without a take.
+    within: bool,
 }
 
 impl Totals {
@@ -140,6 +142,7 @@ impl Subscriptions {
                 lost: 0,
                 depth: depth(subscriptions),
                 strength: subscriptions.iter().map(|one| one.strength).min()?,
+                within: subscriptions.iter().any(|one| one.intra_process),
             }),
             others: RwLock::new(others),
             mixed: AtomicBool::new(mixed),
@@ -183,17 +186,44 @@ impl Subscriptions {
             |one: &&Endpoint| (one.id, before.get(&one.id).map_or(0, |taken| taken + least));
         now.earlier += least;
         if !subscriptions.iter().any(|one| before.contains_key(&one.id)) {
-            now.lost = sent.saturating_sub(now.earlier);
+            let ours = now.earlier.saturating_sub(self.of_others(ledger)?);
+            now.lost = sent.saturating_sub(ours);
         }
         now.taken = subscriptions.iter().map(known).collect();
         now.depth = depth(subscriptions);
         Ok(())
     }
 
+    /// What the stack's own publishers have published since we began to count.
+    fn of_others(&self, ledger: &Ledger) -> Result<u64, LedgerError> {
+        let others = self.others.read().unwrap_or_else(PoisonError::into_inner);
+        let of = |(id, before): (&EndpointId, &u64)| {
+            Ok(ledger.counts(*id)?.offered.saturating_sub(*before))
+        };
+        others
+            .iter()
+            .map(of)
+            .try_fold(0, |all: u64, of: Result<u64, LedgerError>| Ok(all.saturating_add(of?)))
+    }
+
     /// Takes in how far they prove what they take, which a subscription shows when it is complete.
     fn note_strength(&self, subscriptions: &[&Endpoint]) {
         if let Some(weakest) = subscriptions.iter().map(|one| one.strength).min() {
-            self.now.write().unwrap_or_else(PoisonError::into_inner).strength = weakest;
+            let mut now = self.now.write().unwrap_or_else(PoisonError::into_inner);
+            now.strength = weakest;
+            now.within = subscriptions.iter().any(|one| one.intra_process);
+        }
+    }
+
+    /// Takes in which publishers of the topic the stack has by now.
+    fn learn(&self, publishers: &[&Endpoint]) {
+        let within = self.now.read().unwrap_or_else(PoisonError::into_inner).within;
+        let mut others = self.others.write().unwrap_or_else(PoisonError::into_inner);
+        for one in publishers {
+            let before = *others.entry(one.id).or_insert(0);
+            // Its calls are counted, and nothing of it is taken.
+            let untaken = within && one.process == self.process && one.counts.offered > before;
+            self.mixed.fetch_or(untaken, Ordering::Relaxed);
         }
     }
 }
@@ -222,10 +252,8 @@ impl Link {
     /// Takes in which publishers of the topic the stack has by now. One that came later was not
     /// there to publish before.
     pub(crate) fn learn(&self, publishers: &[&Endpoint]) {
-        let Some(counted) = &self.counted else { return };
-        let mut others = counted.others.write().unwrap_or_else(PoisonError::into_inner);
-        for one in publishers {
-            others.entry(one.id).or_insert(0);
+        if let Some(counted) = &self.counted {
+            counted.learn(publishers);
         }
     }
 
@@ -318,12 +346,8 @@ impl Link {
     pub(crate) fn taken(&self, ledger: &Ledger) -> Result<Option<u64>, LedgerError> {
         let Some(counted) = &self.counted else { return Ok(None) };
         let now = counted.now.read().unwrap_or_else(PoisonError::into_inner);
-        let mut taken = now.earlier + now.least(ledger)?;
-        let others = counted.others.read().unwrap_or_else(PoisonError::into_inner);
-        for (id, before) in others.iter() {
-            taken = taken.saturating_sub(ledger.counts(*id)?.offered.saturating_sub(*before));
-        }
-        Ok(Some(taken))
+        let taken = now.earlier + now.least(ledger)?;
+        Ok(Some(taken.saturating_sub(counted.of_others(ledger)?)))
     }
 
     /// Messages that wait in the middleware or are on their way to it; 0 where nobody counts.

@@ -6,11 +6,16 @@ mod scene;
 #[path = "../../ros2player/tests/standin/mod.rs"]
 mod standin;
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
 use bagpipe_log::Connection;
 use bagpipe_replay::{Mode, Progress, Replayed, Stage, Strength};
-use bagpipe_ros2ledger::{Endpoint, Kind};
+use bagpipe_ros2ledger::{Counts, Endpoint, Kind};
 use scene::{Ask, DEFAULT, RELAY, Scene, imu, recorded, recording, recording_of};
-use standin::eventually;
+use standin::{Node, eventually};
 
 #[test]
 fn who_has_published_before_and_returns_late_lacks_nothing_of_the_recording() {
@@ -180,4 +185,155 @@ fn who_published_uncounted_and_has_left_is_named_at_the_end() {
     assert_eq!(replayed.ledger.strength, Some(Strength::Sent));
     let warnings = replayed.playback.warnings.join("; ");
     assert!(warnings.contains("/leaves publishes /in too"), "{warnings}");
+}
+
+/// A node that takes for 6 ms in each 100, as one that spins in a loop, until it is let go.
+struct Spinning {
+    _node: Arc<Node>,
+    over: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Spinning {
+    fn start(scene: &Scene, queue: &str) -> Spinning {
+        let lane = ["--name", "/lane", "--relay", "/in=/out", "--sub", queue];
+        let node = Arc::new(scene.start("standin_node", &[&lane[..], &OUT].concat()));
+        let over = Arc::new(AtomicBool::new(false));
+        let thread = std::thread::spawn({
+            let (node, over) = (Arc::clone(&node), Arc::clone(&over));
+            move || {
+                let mut next = Instant::now();
+                while !over.load(SeqCst) {
+                    node.signal("CONT");
+                    std::thread::sleep(Duration::from_millis(6));
+                    node.signal("STOP");
+                    next += Duration::from_millis(100);
+                    std::thread::sleep(next.saturating_duration_since(Instant::now()));
+                }
+                node.signal("CONT");
+            }
+        });
+        Spinning { _node: node, over, thread: Some(thread) }
+    }
+
+    /// From now on it takes whatever comes.
+    fn let_go(&mut self) {
+        self.over.store(true, SeqCst);
+        let _has_ended = self.thread.take().map(JoinHandle::join);
+    }
+}
+
+impl Drop for Spinning {
+    fn drop(&mut self) {
+        self.let_go();
+    }
+}
+
+/// What a node has done on /in.
+fn counts(scene: &Scene, kind: Kind, node: &str) -> Counts {
+    let all = scene.ledger.endpoints().unwrap();
+    let of = |one: &&Endpoint| one.kind == kind && one.node == node && one.topic == "/in";
+    all.iter().find(of).map(|one| one.counts).unwrap_or_default()
+}
+
+#[test]
+fn what_comes_while_a_node_is_away_hides_no_loss_of_ours() {
+    for _again in 0..3 {
+        let scene = Scene::new();
+        let mut lane = Spinning::start(&scene, "/in:std_msgs/msg/String:20:reliable");
+        let lanes = || counts(&scene, Kind::Subscription, "/lane");
+        let other = ["--name", "/other", "--pub", "/in:std_msgs/msg/String:1000:reliable"];
+        let other = [&other[..], &["--every-us", "10000"]].concat();
+        let other = scene.start("standin_node", &other);
+        eventually(|| lanes().taken > 20);
+        let offered = || counts(&scene, Kind::Publisher, "/other").offered;
+        let not_taken = |ours: u64| {
+            let taken = lanes().taken;
+            offered() + ours - taken
+        };
+        // What was published before the two knew each other: there is less only while nothing waits.
+        let mut before = u64::MAX;
+        for _look in 0..60 {
+            before = before.min(not_taken(0));
+            std::thread::sleep(Duration::from_millis(3));
+        }
+        let mut stopped = false;
+        let mut seen = |progress: Progress| {
+            if progress.stage == Stage::Play && !stopped {
+                other.signal("STOP");
+                stopped = true;
+            }
+        };
+        let ask = Ask { mode: Mode::Realtime, drain: Duration::from_secs(1), ..DEFAULT };
+        let played = recording_of(&strings(RELIABLE), 300, 60);
+        let replayed = scene.play_while(&played, &ask, &mut seen).unwrap();
+        lane.let_go();
+        scene.ledger.watch_matches(true);
+        let since = lanes().seen_at + Duration::from_millis(100);
+        eventually(|| lanes().seen_at > since && lanes().rested == Some(lanes().taken));
+        let lost = not_taken(300).saturating_sub(before);
+        let ledger = &replayed.ledger;
+        let unproved = ledger.strength == Some(Strength::Sent);
+        assert!(unproved || ledger.dropped >= lost, "{lost} lost; {ledger:?}");
+    }
+}
+
+#[test]
+fn who_subscribes_again_beside_another_publisher_is_unproved_and_has_lost_nothing() {
+    let scene = Scene::new();
+    let lane = ["--name", "/lane", "--relay", "/in=/out", "--renew-every", "20", "--sub"];
+    let lane = [&lane[..], &["/in:std_msgs/msg/String:1000:reliable"], &OUT].concat();
+    let _lane = scene.start("standin_node", &lane);
+    let other = ["--name", "/other", "--pub", "/in:std_msgs/msg/String:1000:reliable"];
+    let _other = scene.start("standin_node", &[&other[..], &["--burst", "5"]].concat());
+    scene.await_published("/in", 5);
+    let ask = Ask { mode: Mode::Lockstep, ..DEFAULT };
+    let replayed = scene.play(&recording_of(&strings(RELIABLE), 100, 60), &ask).unwrap();
+    assert_eq!((replayed.ledger.sent, replayed.ledger.strength), (100, Some(Strength::Sent)));
+    let warnings = replayed.playback.warnings.join("; ");
+    assert!(warnings.contains("can't be known") && !warnings.contains(" lost "), "{warnings}");
+}
+
+#[test]
+fn beside_who_begins_to_publish_uncounted_nothing_is_proved_and_nothing_called_lost() {
+    let scene = Scene::new();
+    let lane = ["--name", "/lane", "--relay", "/in=/out", "--sub"];
+    let lane = [&lane[..], &["/in:std_msgs/msg/String:5000:reliable"], &OUT].concat();
+    let _lane = scene.start("standin_node", &lane);
+    let mut other = None;
+    let looks = scene.graph.player();
+    let is_there = || looks.graph().unwrap().iter().any(|node| node.name == "/other");
+    let mut seen = |progress: Progress| {
+        if progress.stage == Stage::Play && other.is_none() {
+            let queue = "/in:std_msgs/msg/String:1000:reliable";
+            let words = ["--name", "/other", "--pub", queue, "--burst", "1"];
+            other = Some(scene.start_uncounted("standin_node", &words));
+            eventually(is_there);
+        }
+    };
+    let ask = Ask { mode: Mode::Realtime, drain: Duration::from_secs(2), ..DEFAULT };
+    let played = recording_of(&strings(RELIABLE), 700, 60);
+    let replayed = scene.play_while(&played, &ask, &mut seen).unwrap();
+    assert_eq!((replayed.ledger.sent, replayed.ledger.strength), (700, Some(Strength::Sent)));
+    let warnings = replayed.playback.warnings.join("; ");
+    assert!(
+        warnings.contains("/other publishes /in too") && !warnings.contains(" lost "),
+        "{warnings}"
+    );
+}
+
+#[test]
+fn where_another_s_messages_come_and_go_a_lost_one_stops_lock_step_for_no_longer_than_the_drain() {
+    let scene = Scene::new();
+    let lane = ["--name", "/lane", "--relay", "/in=/out", "--delay-us", "3000", "--sub"];
+    let lane = [&lane[..], &["/in:std_msgs/msg/String:1:reliable"], &OUT].concat();
+    let _lane = scene.start("standin_node", &lane);
+    let other = ["--name", "/other", "--pub", "/in:std_msgs/msg/String:1000:reliable"];
+    let _other = scene.start("standin_node", &[&other[..], &["--every-us", "5000"]].concat());
+    scene.await_offered("/in", 5);
+    let ask = Ask { mode: Mode::Lockstep, drain: Duration::from_secs(1), ..DEFAULT };
+    let played = scene.play(&recording_of(&strings(RELIABLE), 300, 60), &ask);
+    if let Err(error) = played {
+        assert_eq!(error.reason(), "StackStoppedReading", "{error}");
+    }
 }

@@ -3,10 +3,12 @@
 
 #include <string.h>
 #include <sys/syscall.h>
+#include <time.h>
 #include <unistd.h>
 
 #include "attach.h"
 #include "list.h"
+#include "matches.h"
 
 /* Callbacks inside of each other on one thread; beyond, the outermost one's end is lost. */
 #define NESTED 16u
@@ -82,23 +84,34 @@ static void meet_thread(void) {
   __cxa_thread_atexit_impl(at_end, NULL, &__dso_handle);
 }
 
-static void note_rest(struct ledger_endpoint *endpoint) {
+uint64_t count_moment(void) {
+  if (matches_watched() == 0) return 0;
+  struct timespec time;
+  clock_gettime(CLOCK_MONOTONIC, &time);
+  return (uint64_t)time.tv_sec * 1000000000ull + (uint64_t)time.tv_nsec;
+}
+
+/* The moment first: who reads both in the other order, and then what was taken, has no count with a
+ * later moment than its own. */
+static void note_rest(struct ledger_endpoint *endpoint, uint64_t begun) {
+  if (begun == 0) return;
+  atomic_store(&endpoint->seen_at, begun);
   atomic_store(&endpoint->rested, atomic_load(&endpoint->taken) + 1);
 }
 
-void count_rest(const void *waited_for) {
+void count_rest(const void *waited_for, uint64_t begun) {
   uint32_t slot;
   struct ledger_endpoint *endpoint = listed(waited_for, &slot);
-  if (endpoint != NULL) note_rest(endpoint);
+  if (endpoint != NULL) note_rest(endpoint, begun);
 }
 
-void count_take(const void *subscription, uint64_t messages) {
+void count_take(const void *subscription, uint64_t messages, uint64_t begun) {
   uint32_t slot;
   count_wait();
   struct ledger_endpoint *endpoint = listed(subscription, &slot);
   if (endpoint == NULL) return;
   if (messages == 0) {
-    note_rest(endpoint);
+    note_rest(endpoint, begun);
     return;
   }
   note_thread(endpoint);
@@ -124,9 +137,11 @@ void count_publish(struct offer offer, bool taken) {
   if (offer.endpoint == NULL) return;
   /* Destroyed by another thread meanwhile, and the slot is another's. */
   if (atomic_load(&offer.endpoint->generation) != offer.generation) return;
-  if (taken)
+  if (taken) {
+    uint64_t moment = count_moment();
+    if (moment != 0) atomic_store(&offer.endpoint->seen_at, moment);
     add(&offer.endpoint->published, 1, EVENT_PUBLISHED);
-  else
+  } else
     atomic_fetch_sub(&offer.endpoint->offered, 1);
 }
 

@@ -8,9 +8,12 @@
 
 #include "layout.h"
 
-void count_take(const void *subscription, uint64_t messages);
-/* What a wait was given for a subscription, which had nothing to take. */
-void count_rest(const void *waited_for);
+/* CLOCK_MONOTONIC in nanoseconds while somebody watches; 0 while nobody does. */
+uint64_t count_moment(void);
+/* A take that was begun at that moment. */
+void count_take(const void *subscription, uint64_t messages, uint64_t begun);
+/* What a wait that was begun at that moment was given for a subscription, which had nothing to take. */
+void count_rest(const void *waited_for, uint64_t begun);
 
 /* A message that is being published: its reader may have it before the call has returned. */
 struct offer {

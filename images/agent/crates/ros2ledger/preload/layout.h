@@ -5,7 +5,7 @@
 #include <stdint.h>
 
 #define LEDGER_MAGIC 0x3152444c50474142ull /* "BAGPLDR1" */
-#define LEDGER_VERSION 4u
+#define LEDGER_VERSION 5u
 #define LEDGER_PROCESSES 512u
 #define LEDGER_ENDPOINTS 4096u
 #define LEDGER_NAME_BYTES 256u
@@ -83,6 +83,10 @@ struct ledger_endpoint {
   _Atomic uint64_t published;
   _Atomic uint8_t topic[LEDGER_NAME_BYTES]; /* ends with a 0, as the next does */
   _Atomic uint8_t node[LEDGER_NAME_BYTES];  /* "/namespace/name"; empty: not known */
+  /* CLOCK_MONOTONIC in nanoseconds, during a watch: a moment of that rest; of a publisher, when its
+   * last call has returned. 0: not seen. */
+  _Atomic uint64_t seen_at;
+  _Atomic uint64_t reserved_counts[7];
 };
 
 struct ledger {
@@ -93,4 +97,4 @@ struct ledger {
 
 _Static_assert(sizeof(struct ledger_header) == 128, "two lines of cache");
 _Static_assert(sizeof(struct ledger_process) == 64, "a line of cache");
-_Static_assert(sizeof(struct ledger_endpoint) == 640, "ten lines of cache");
+_Static_assert(sizeof(struct ledger_endpoint) == 704, "eleven lines of cache");

@@ -70,6 +70,7 @@ static void fill(struct ledger_endpoint *endpoint, const struct creation *of, co
   endpoint->offered = 0;
   for (_Atomic uint64_t *count = &endpoint->taken; count <= &endpoint->published; count++)
     *count = 0;
+  endpoint->seen_at = 0;
   copy(endpoint->topic, of->topic);
   copy(endpoint->node, node);
 }

@@ -105,9 +105,10 @@ PUBLIC int rmw_destroy_guard_condition(struct guard_head *guard) {
 #define TAKE(name, message, names, ...)                                              \
   PUBLIC int name(const void *subscription, message, bool *taken, __VA_ARGS__) {     \
     NEXT_RMW(name)                                                                   \
+    uint64_t begun = count_moment();                                                 \
     count_enter();                                                                   \
     int result = next names;                                                         \
-    if (count_leave() && result == RMW_OK) count_take(subscription, *taken ? 1 : 0); \
+    if (count_leave() && result == RMW_OK) count_take(subscription, *taken ? 1 : 0, begun); \
     return result;                                                                   \
   }
 
@@ -126,9 +127,10 @@ TAKE(rmw_take_dynamic_message_with_info, void *message, INFORMED, void *info, vo
 PUBLIC int rmw_take_sequence(const void *subscription, size_t count, void *messages, void *infos,
                              size_t *taken, void *allocation) {
   NEXT_RMW(rmw_take_sequence)
+  uint64_t begun = count_moment();
   count_enter();
   int result = next(subscription, count, messages, infos, taken, allocation);
-  if (count_leave() && result == RMW_OK) count_take(subscription, *taken);
+  if (count_leave() && result == RMW_OK) count_take(subscription, *taken, begun);
   return result;
 }
 

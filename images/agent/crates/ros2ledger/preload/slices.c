@@ -78,15 +78,16 @@ static bool is_ready(const struct wait *wait) {
 }
 
 /* The subscriptions come first in the room. */
-static void note_rest(const struct wait *wait, void *const *room) {
+static void note_rest(const struct wait *wait, void *const *room, uint64_t begun) {
   for (size_t one = 0; one < things(wait->set[0]); one++)
-    if (wait->set[0]->things[one] == NULL) count_rest(room[one]);
+    if (wait->set[0]->things[one] == NULL) count_rest(room[one], begun);
 }
 
 /* Waits once, and notes what had nothing to take. */
 static int slice(const struct wait *wait, void *const *room, uint64_t nanoseconds) {
+  uint64_t begun = count_moment();
   int result = call(wait, nanoseconds);
-  if (result == RMW_OK || result == RMW_TIMEOUT) note_rest(wait, room);
+  if (result == RMW_OK || result == RMW_TIMEOUT) note_rest(wait, room, begun);
   return result;
 }
 

@@ -2,6 +2,7 @@
 
 use std::sync::atomic::AtomicU8;
 use std::sync::atomic::Ordering::SeqCst;
+use std::time::Duration;
 
 use crate::layout::{
     EndpointSlot, FLAG_CALLS, FLAG_INTRA, KIND_PUBLISHER, KIND_SUBSCRIPTION, NAME_BYTES,
@@ -77,9 +78,12 @@ pub struct Counts {
     /// Taken from the middleware.
     pub taken: u64,
     /// What had been taken when last a take found nothing, or a wait that the node was not yet done
-    /// with: nothing waited for it in the middleware then. Waits are looked at during
-    /// [`watch_matches`](crate::Ledger::watch_matches).
+    /// with: nothing waited for it in the middleware at [`seen_at`](Counts::seen_at). Both are noted
+    /// during [`watch_matches`](crate::Ledger::watch_matches).
     pub rested: Option<u64>,
+    /// A moment of `CLOCK_MONOTONIC`, noted during a watch: one at which a subscription was at rest; or
+    /// when the last call of a publisher had returned. 0 if there was none.
+    pub seen_at: Duration,
     /// Callbacks that began, where rclcpp reports them.
     pub started: u64,
     /// Callbacks that ended.
@@ -229,8 +233,10 @@ pub(crate) fn counts(slot: &EndpointSlot) -> Result<Counts, Wrong> {
     let started = slot.started.load(SeqCst);
     let intra_started = slot.intra_started.load(SeqCst);
     let rested = slot.rested.load(SeqCst).checked_sub(1);
-    let taken = slot.taken.load(SeqCst);
     let published = slot.published.load(SeqCst);
+    // After both and before what was taken: it is noted before the one and before the other.
+    let seen_at = Duration::from_nanos(slot.seen_at.load(SeqCst));
+    let taken = slot.taken.load(SeqCst);
     let offered = slot.offered.load(SeqCst);
     // No process counts so far in a lifetime; beyond, sums would not fit.
     let most = [taken, started, intra_started, offered].into_iter().fold(0, u64::max);
@@ -250,6 +256,7 @@ pub(crate) fn counts(slot: &EndpointSlot) -> Result<Counts, Wrong> {
     Ok(Counts {
         taken,
         rested,
+        seen_at,
         started,
         ended,
         intra_started,

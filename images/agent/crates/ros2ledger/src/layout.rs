@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicU8, AtomicU32, AtomicU64};
 
 /// `BAGPLDR1`.
 pub(crate) const MAGIC: u64 = 0x3152_444c_5047_4142;
-pub(crate) const VERSION: u32 = 4;
+pub(crate) const VERSION: u32 = 5;
 pub(crate) const PROCESSES: usize = 512;
 pub(crate) const ENDPOINTS: usize = 4096;
 pub(crate) const NAME_BYTES: usize = 256;
@@ -82,6 +82,8 @@ pub(crate) struct EndpointSlot {
     pub(crate) published: AtomicU64,
     pub(crate) topic: [AtomicU8; NAME_BYTES],
     pub(crate) node: [AtomicU8; NAME_BYTES],
+    pub(crate) seen_at: AtomicU64,
+    pub(crate) reserved_counts: [AtomicU64; 7],
 }
 
 #[repr(C)]
@@ -130,7 +132,7 @@ mod tests {
             matched: u64, wake_from: u64, offered: u64, taken: u64, rested: u64, started: u64, ended: u64,
             intra_started: u64, intra_ended: u64, returned: u64, published: u64,
             topic: [u8; 256],
-            node: [u8; 256]),
+            node: [u8; 256], seen_at: u64, reserved_counts: [u64; 7]),
         );
         all.extend(fields!(Layout, "ledger", header: Header, process: [ProcessEntry; 512],
             endpoint: [EndpointSlot; 4096]));

@@ -151,16 +151,6 @@ impl Ledger {
         Ok(())
     }
 
-    /// Forgets that nothing was left for a subscription to take: what is read of that from now on was
-    /// seen since.
-    ///
-    /// # Errors
-    /// [`LedgerError::Retired`].
-    pub fn forget_rest(&self, id: EndpointId) -> Result<(), LedgerError> {
-        self.slot(id)?.rested.store(0, SeqCst);
-        Ok(())
-    }
-
     /// What found no room.
     pub fn unlisted(&self) -> Unlisted {
         let header = &self.memory.header;

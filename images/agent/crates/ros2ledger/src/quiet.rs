@@ -1,6 +1,7 @@
 //! Whether the nodes have worked off what they were sent and what they sent each other.
 
 use std::collections::HashMap;
+use std::time::Duration;
 
 use crate::{
     Counts, Endpoint, History, Kind, Ledger, LedgerError, ProcessId, Reliability, Strength,
@@ -163,7 +164,8 @@ impl Look {
         unlisted: bool,
     ) -> Look {
         for one in &mut endpoints {
-            (one.thread, one.matched, one.counts.rested) = (None, None, None);
+            (one.thread, one.matched) = (None, None);
+            (one.counts.rested, one.counts.seen_at) = (None, Duration::ZERO);
         }
         Look { endpoints, others, unlisted }
     }

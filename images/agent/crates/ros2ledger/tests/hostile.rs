@@ -12,7 +12,7 @@ use standin::{Client, Node};
 
 const PROCESSES: u64 = 128;
 const ENDPOINTS: u64 = PROCESSES + 512 * 64;
-const END: u64 = ENDPOINTS + 4096 * 640;
+const END: u64 = ENDPOINTS + 4096 * 704;
 
 /// The memory, as any node can open it.
 fn opened(ledger: &Ledger) -> File {

@@ -170,13 +170,36 @@ fn topic_qos_thread_and_process_are_those_of_the_node() {
     node.obey(&["publish /map 1", "spin / 1", "empty /map 3"]);
     let thread: u32 = node.ask("thread").parse().unwrap();
     let map = subscription(&ledger, "/map");
-    assert_eq!((map.thread, map.counts.taken, map.counts.rested), (Some(thread), 1, Some(1)));
-    ledger.forget_rest(map.id).unwrap();
-    assert_eq!(subscription(&ledger, "/map").counts.rested, None);
-    node.obey(&["empty /map 1"]);
-    assert_eq!(subscription(&ledger, "/map").counts.rested, Some(1));
+    assert_eq!((map.thread, map.counts.taken), (Some(thread), 1));
     let process = only_process(&ledger);
     assert_eq!((process.id, process.alive, process.unlisted), (map.process, true, 0));
+}
+
+#[test]
+fn when_nothing_was_left_and_what_was_published_last_have_moments_while_somebody_watches() {
+    let ledger = Ledger::new().unwrap();
+    let mut node = Node::start(Client::Rclcpp, &ledger);
+    node.obey(&["default /map", "pub /map 1"]);
+    let noted = |kind| {
+        let all = ledger.endpoints().unwrap();
+        let counts = all.iter().find(|one| one.kind == kind).unwrap().counts;
+        (counts.rested, counts.seen_at)
+    };
+    let (map, publisher) = (|| noted(Kind::Subscription), || noted(Kind::Publisher));
+    node.obey(&["publish /map 1", "spin / 1", "empty /map 1"]);
+    assert_eq!((map(), publisher()), ((None, Duration::ZERO), (None, Duration::ZERO)));
+    ledger.watch_matches(true);
+    node.obey(&["publish /map 1"]);
+    let published = publisher().1;
+    assert_eq!((published > Duration::ZERO, map()), (true, (None, Duration::ZERO)));
+    node.obey(&["spin / 1", "empty /map 1"]);
+    let (rested, at) = map();
+    assert_eq!((rested, at > published, publisher().1), (Some(2), true, published));
+    // Of what comes later nothing is known yet.
+    node.obey(&["publish /map 1"]);
+    assert_eq!((map(), publisher().1 > at), ((Some(2), at), true));
+    node.obey(&["spin / 1", "empty /map 1"]);
+    assert_eq!((map().0, map().1 > publisher().1), (Some(3), true));
 }
 
 #[test]

@@ -43,11 +43,12 @@ pub struct StackEnd {
 }
 
 /// What goes wrong because something of the stack crashed before.
-const CONSEQUENCES: [&str; 5] = [
+const CONSEQUENCES: [&str; 6] = [
     "StackExited",
     "NeverSubscribed",
     "NodeInactive",
     "StackStoppedReading",
+    "RosMasterFailed",
     "CaseDeadlineExceeded",
 ];
 
@@ -65,6 +66,11 @@ impl StackEnd {
         let facts =
             Facts { command, ends: &self.before, after: &self.after, nodes, course, last_line };
         self.ended = facts.evidence();
+    }
+
+    /// Whether something of it crashed.
+    pub fn has_crashed(&self) -> bool {
+        self.ended.iter().any(|end| end.cause == Cause::StackCrashed)
     }
 
     /// Adds what the program wrote and how it ended.

@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-use bagpipe_ros2ledger::{Endpoint, EndpointId, Ledger, LedgerError};
+use bagpipe_ros2ledger::{Counts, Endpoint, EndpointId, Ledger, LedgerError};
 
 use super::look::Look;
 use crate::link::Baseline;
@@ -12,7 +12,11 @@ use crate::stillness::counted;
 
 /// How long a published message may be on its way to a queue.
 const ON_ITS_WAY: Duration = Duration::from_millis(100);
-/// How long is looked for a moment at which nothing is left, in time that counts.
+/// At so many moments a queue was empty, with as much taken in between as was published, of which nothing
+/// is believed to have been on its way at the last: a node that takes what comes at once is seen at a
+/// moment at which something is on its way one time in a hundred, at 100 messages a second.
+const MOMENTS: u32 = 3;
+/// How long is looked for such moments, in time that counts.
 const PATIENCE: Duration = Duration::from_secs(1);
 
 /// A node of which it is not known yet that nothing waits for it.
@@ -20,8 +24,16 @@ const PATIENCE: Duration = Duration::from_secs(1);
 pub(super) struct Backlog {
     looked: Option<Instant>,
     lasted: Duration,
-    /// When nothing seemed to be left, and what had been published and taken by then.
-    rest: Option<(Instant, Stand)>,
+    rest: Option<Rest>,
+}
+
+/// Moments at which nothing seemed to be left.
+struct Rest {
+    /// The last of them.
+    at: Duration,
+    moments: u32,
+    /// What had been published and taken by the first.
+    stand: Stand,
 }
 
 /// Messages at a moment at which no publish was under way.
@@ -29,9 +41,9 @@ pub(super) struct Backlog {
 pub(super) struct Stand {
     /// What all publishers had published.
     offered: u64,
-    /// What each subscription had taken, and whether nothing was seen to be left for it since the
-    /// look before.
-    taken: Vec<(u64, bool)>,
+    /// What each subscription had taken, and when it was seen that nothing was left for it, if nothing
+    /// was taken or published since.
+    taken: Vec<(u64, Option<Duration>)>,
 }
 
 impl Stand {
@@ -40,8 +52,10 @@ impl Stand {
         self.offered == 0 || self.taken.iter().all(|(taken, _)| *taken == self.offered)
     }
 
-    fn is_at_rest(&self) -> bool {
-        self.taken.iter().all(|(_, rested)| *rested)
+    /// The first and the last moment at which a subscription was at rest; none if one of them is not.
+    fn rest(&self) -> Option<(Duration, Duration)> {
+        let rests = self.taken.iter().map(|(_, at)| *at).collect::<Option<Vec<Duration>>>()?;
+        Some((*rests.iter().min()?, *rests.iter().max()?))
     }
 
     /// Whether each subscription took as much since an earlier moment as was published.
@@ -56,24 +70,25 @@ impl Stand {
 impl Backlog {
     /// Takes in a look, with how far all were if that is known; whether nothing is left.
     ///
-    /// At a moment at which a queue was empty a message may have been on its way to it, and a node that
-    /// has other work does not look. So it has to be so twice, as long after each other as a message
-    /// takes, with as much taken in between as published.
+    /// At a moment at which a queue was empty a message may have been on its way to it. So it has to be
+    /// so at several, as far apart as a message takes, with as much taken in between as published.
     pub(super) fn look(&mut self, now: Instant, stand: Option<Stand>) -> bool {
-        // Whoever is at rest was seen to be since then.
         let seen = self.looked.replace(now).unwrap_or(now);
         self.lasted += counted(now - seen);
         let Some(stand) = stand else { return false };
         if stand.is_whole() {
             return true;
         }
-        if !stand.is_at_rest() {
-            return false;
-        }
-        match &self.rest {
-            Some((since, before)) if stand.has_come_with(before) => *since + ON_ITS_WAY <= seen,
+        let Some((first, last)) = stand.rest() else { return false };
+        match &mut self.rest {
+            Some(rest) if stand.has_come_with(&rest.stand) => {
+                if first >= rest.at + ON_ITS_WAY {
+                    (rest.at, rest.moments) = (last, rest.moments + 1);
+                }
+                rest.moments >= MOMENTS
+            }
             _ => {
-                self.rest = Some((now, stand));
+                self.rest = Some(Rest { at: last, moments: 1, stand });
                 false
             }
         }
@@ -85,6 +100,16 @@ impl Backlog {
     }
 }
 
+/// What a publisher has offered, when it last returned from that, and whether nothing is under way.
+type Offered = (u64, Duration, bool);
+
+/// When nothing was left for a subscription to take, if nothing was taken since, or published, which was
+/// so far for the last time at the other moment.
+fn rest(counts: &Counts, published: Duration) -> Option<Duration> {
+    let rests = counts.rested == Some(counts.taken) && counts.seen_at > published;
+    rests.then_some(counts.seen_at)
+}
+
 /// How far these are now, to count from; and the same as far as it holds for one moment.
 pub(super) fn stand(
     ledger: &Ledger,
@@ -92,31 +117,34 @@ pub(super) fn stand(
     subscriptions: &[&Endpoint],
     publishers: &[&Endpoint],
 ) -> Result<(Baseline, Option<Stand>), LedgerError> {
-    let offered = || -> Result<BTreeMap<EndpointId, (u64, bool)>, LedgerError> {
+    let offered = || -> Result<BTreeMap<EndpointId, Offered>, LedgerError> {
         let of = |one: &&Endpoint| {
             let counts = ledger.counts(one.id)?;
             // Of a process that has ended nothing is under way.
             let rests = counts.published == counts.offered || !look.running.contains(&one.process);
-            Ok((one.id, (counts.offered, rests)))
+            Ok((one.id, (counts.offered, counts.seen_at, rests)))
         };
         publishers.iter().map(of).collect()
     };
     let before = offered()?;
+    let last = before.values().map(|(_, returned, _)| *returned).max().unwrap_or_default();
     let mut taken = Vec::new();
     for one in subscriptions {
         let counts = ledger.counts(one.id)?;
-        ledger.forget_rest(one.id)?;
-        taken.push((one.id, counts.taken, counts.rested == Some(counts.taken)));
+        taken.push((one.id, counts.taken, rest(&counts, last)));
     }
     let after = offered()?;
-    let still = before == after && after.values().all(|(_, rests)| *rests);
+    let still = before == after
+        && after.values().all(|(_, _, rests)| *rests)
+        // Another publisher may be there that the look does not have.
+        && ledger.listed() == look.listed;
     let stand = still.then(|| Stand {
-        offered: after.values().map(|(offered, _)| offered).sum(),
-        taken: taken.iter().map(|(_, taken, rested)| (*taken, *rested)).collect(),
+        offered: after.values().map(|(offered, ..)| offered).sum(),
+        taken: taken.iter().map(|(_, taken, rests)| (*taken, *rests)).collect(),
     });
     let baseline = Baseline {
         taken: taken.into_iter().map(|(id, taken, _)| (id, taken)).collect(),
-        others: after.into_iter().map(|(id, (offered, _))| (id, offered)).collect(),
+        others: after.into_iter().map(|(id, (offered, ..))| (id, offered)).collect(),
         mixed: false,
     };
     Ok((baseline, stand))
@@ -128,67 +156,89 @@ mod tests {
 
     const MS: Duration = Duration::from_millis(1);
 
-    fn stand(offered: u64, taken: u64, rested: bool) -> Option<Stand> {
-        Some(Stand { offered, taken: vec![(taken, rested)] })
+    #[test]
+    fn a_queue_was_empty_only_if_nothing_was_taken_or_published_since() {
+        let at = |published: u32, taken, rested| {
+            let counts = Counts { taken, rested, seen_at: 8 * MS, ..Counts::default() };
+            rest(&counts, published * MS)
+        };
+        assert_eq!(at(7, 3, Some(3)), Some(8 * MS));
+        assert_eq!(at(0, 0, Some(0)), Some(8 * MS));
+        // It may have come just behind that moment.
+        assert_eq!(at(8, 3, Some(3)), None);
+        assert_eq!(at(9, 3, Some(3)), None);
+        assert_eq!(at(7, 4, Some(3)), None);
+        assert_eq!(at(7, 0, None), None);
     }
 
-    /// Whether nothing is left after looks, each so many milliseconds after the beginning.
-    fn after(looks: &[(u32, Option<Stand>)]) -> bool {
-        let (begun, mut backlog) = (Instant::now(), Backlog::default());
-        let mut found = false;
-        for (at, stand) in looks {
-            found = backlog.look(begun + *at * MS, stand.clone());
-        }
-        found
+    /// Of one subscription, which was at rest so many milliseconds after a boot, if it was.
+    fn stand(offered: u64, taken: u64, rests: Option<u64>) -> Stand {
+        Stand { offered, taken: vec![(taken, rests.map(Duration::from_millis))] }
+    }
+
+    /// Whether nothing is left at the last of some looks.
+    fn after(looks: &[Option<Stand>]) -> bool {
+        let (now, mut backlog) = (Instant::now(), Backlog::default());
+        looks.iter().fold(false, |_, stand| backlog.look(now, stand.clone()))
+    }
+
+    /// The same of three looks.
+    fn after_three(looks: [(u64, u64, u64); 3]) -> bool {
+        after(&looks.map(|(offered, taken, at)| Some(stand(offered, taken, Some(at)))))
     }
 
     #[test]
     fn who_has_taken_all_there_was_has_nothing_left() {
-        assert!(after(&[(0, stand(0, 0, false))]));
-        assert!(after(&[(0, stand(0, 9, false))]));
-        assert!(after(&[(0, stand(7, 7, false))]));
-        assert!(!after(&[(0, stand(7, 6, false))]));
-        assert!(!after(&[(0, None)]));
+        assert!(after(&[Some(stand(0, 0, None))]));
+        assert!(after(&[Some(stand(0, 9, None))]));
+        assert!(after(&[Some(stand(7, 7, None))]));
+        assert!(!after(&[Some(stand(7, 6, None))]));
+        assert!(!after(&[None]));
     }
 
     #[test]
-    fn who_came_late_has_nothing_left_after_two_moments_of_rest_with_nothing_lost_between() {
-        let first = (0, stand(100, 3, true));
-        assert!(!after(std::slice::from_ref(&first)));
-        // What is seen at a look may have been so since the one before.
-        let seen = |at, stand| after(&[first.clone(), (at, None), (900, stand)]);
-        assert!(!after(&[first.clone(), (900, stand(100, 3, true))]));
-        assert!(!seen(99, stand(100, 3, true)));
-        assert!(seen(100, stand(100, 3, true)));
-        assert!(seen(100, stand(120, 23, true)));
-        // One was on its way, and has come.
-        assert!(!seen(100, stand(100, 4, true)));
-        assert!(!seen(100, stand(101, 3, true)));
-        assert!(!seen(100, stand(100, 3, false)));
-        // From there on it counts again.
-        let then = [first, (100, None), (200, stand(100, 4, true)), (299, None)];
-        assert!(!after(&[&then[..], &[(900, stand(100, 4, true))]].concat()));
-        let then = [&then[..3], &[(300, None), (900, stand(100, 4, true))]].concat();
-        assert!(after(&then));
+    fn who_came_late_has_nothing_left_after_three_moments_of_rest_with_nothing_lost_between() {
+        assert!(after_three([(100, 3, 0), (100, 3, 100), (100, 3, 200)]));
+        assert!(after_three([(100, 3, 0), (120, 23, 150), (130, 33, 250)]));
+        assert!(!after_three([(100, 3, 0), (100, 3, 99), (100, 3, 199)]));
+        assert!(!after_three([(100, 3, 0), (100, 3, 100), (100, 3, 199)]));
+        // A node that has not looked since.
+        assert!(!after_three([(100, 3, 0), (100, 3, 100), (100, 3, 100)]));
+        // One was on its way, and has come; or one was lost, or is left.
+        assert!(!after_three([(100, 3, 0), (100, 4, 100), (100, 4, 200)]));
+        assert!(!after_three([(100, 3, 0), (101, 3, 100), (101, 3, 200)]));
+        assert!(!after_three([(100, 3, 0), (100, 3, 100), (101, 3, 200)]));
+        let rests = |at| Some(stand(100, 3, at));
+        assert!(!after(&[rests(Some(0)), rests(Some(100)), rests(None)]));
+        assert!(!after(&[rests(Some(0)), rests(Some(100)), None]));
+        assert!(after(&[rests(Some(0)), None, rests(Some(100)), rests(None), rests(Some(200))]));
+        // From where it came it counts again.
+        let come = [0, 100, 200].map(|at| Some(stand(100, 4, Some(300 + at))));
+        assert!(!after(&[&[rests(Some(0))], &come[..2]].concat()));
+        assert!(after(&[&[rests(Some(0))], &come[..]].concat()));
     }
 
     #[test]
     fn more_than_was_published_comes_from_somebody_who_does_not_count() {
-        assert!(!after(&[(0, stand(7, 8, false))]));
-        assert!(after(&[(0, stand(7, 8, true)), (100, None), (120, stand(7, 8, true))]));
+        assert!(!after(&[Some(stand(7, 8, None))]));
+        assert!(after_three([(7, 8, 0), (7, 8, 100), (7, 8, 200)]));
     }
 
     #[test]
     fn each_of_several_subscriptions_counts() {
-        let both = |first: (u64, bool), second: (u64, bool)| {
-            Some(Stand { offered: 9, taken: vec![first, second] })
+        let both = |first: (u64, Option<u64>), second: (u64, Option<u64>)| {
+            let at = |(taken, at): (u64, Option<u64>)| (taken, at.map(Duration::from_millis));
+            Some(Stand { offered: 9, taken: vec![at(first), at(second)] })
         };
-        assert!(after(&[(0, both((9, false), (9, true)))]));
-        assert!(!after(&[(0, both((9, false), (8, true)))]));
-        let apart = |second| after(&[(0, both((1, true), (2, true))), (100, None), (200, second)]);
-        assert!(apart(both((1, true), (2, true))));
-        assert!(!apart(both((1, true), (3, true))));
-        assert!(!apart(both((1, true), (2, false))));
+        assert!(after(&[both((9, None), (9, Some(0)))]));
+        assert!(!after(&[both((9, None), (8, Some(0)))]));
+        let twice = [both((1, Some(0)), (2, Some(5))), both((1, Some(105)), (2, Some(110)))];
+        let then = |third| after(&[&twice[..], &[third]].concat());
+        assert!(then(both((1, Some(210)), (2, Some(210)))));
+        // Each of them has to be as late.
+        assert!(!then(both((1, Some(209)), (2, Some(300)))));
+        assert!(!then(both((1, Some(210)), (3, Some(210)))));
+        assert!(!then(both((1, Some(210)), (2, None))));
     }
 
     #[test]

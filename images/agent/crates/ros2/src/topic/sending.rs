@@ -120,7 +120,7 @@ impl Topic {
         cancelled: Cancelled<'_>,
     ) -> Result<(), SendError> {
         let ledger = &self.means.ledger;
-        let mut progress = (0, Instant::now());
+        let mut progress = (i128::MIN, Instant::now());
         loop {
             let links = self.links();
             let there: Vec<&Arc<Link>> =
@@ -143,7 +143,7 @@ impl Topic {
                 return Err(SendError::Cancelled);
             }
             let done = done(&there, ledger).map_err(|error| failed(&error))?;
-            if done != progress.0 {
+            if done > progress.0 {
                 progress = (done, Instant::now());
             }
             let waited = progress.1.elapsed();
@@ -155,9 +155,13 @@ impl Topic {
     }
 }
 
-/// A figure that changes with each message that is taken or done with.
-fn done(links: &[&Arc<Link>], ledger: &Ledger) -> Result<u64, LedgerError> {
-    let of = |link: &&Arc<Link>| Ok(2 * link.taken(ledger)?.unwrap_or(0) + link.in_hand(ledger)?);
+/// A figure that grows with each message of ours that is taken or done with. With one of the stack's own
+/// it goes down and comes back.
+fn done(links: &[&Arc<Link>], ledger: &Ledger) -> Result<i128, LedgerError> {
+    let of = |link: &&Arc<Link>| {
+        let taken = i128::from(link.taken(ledger)?.unwrap_or(0));
+        Ok(2 * taken - i128::from(link.in_hand(ledger)?))
+    };
     links.iter().map(of).sum()
 }
 

@@ -141,6 +141,7 @@ impl Topic {
         look: &Look,
         begun: bool,
     ) -> Result<Baseline, LedgerError> {
+        let now = Instant::now();
         let publishers = self.publishers(&look.endpoints);
         let (found, stand) = stand(&self.means.ledger, look, subscriptions, &publishers)?;
         if begun {
@@ -150,7 +151,7 @@ impl Topic {
         }
         let mut backlogs = self.backlogs();
         let backlog = backlogs.entry(owner.clone()).or_default();
-        Ok(Baseline { mixed: !backlog.look(Instant::now(), stand), ..found })
+        Ok(Baseline { mixed: !backlog.look(now, stand), ..found })
     }
 
     /// Whether a node is still waited for that may have messages of the stack's own to take.

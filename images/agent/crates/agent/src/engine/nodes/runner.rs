@@ -89,9 +89,15 @@ impl Runner<'_> {
             (Ok(_), Ok((_, ending @ Ending { ended: Some(_), .. }))) => {
                 Err(Failure::Abort(Box::new(self.host.gone(ending))))
             }
-            (Ok(replayed), Ok((Some(stack), _))) => {
-                if let Some(unseen) = self.unseen.take() {
-                    return Err(unseen);
+            (Ok(replayed), Ok((Some(stack), ending))) => {
+                match self.unseen.take() {
+                    // A crash that was seen is no reason to play the case again.
+                    Some(Failure::Abort(abort)) => {
+                        let abort = self.host.explain(*abort, Some(stack), ending);
+                        return Err(Failure::Abort(Box::new(abort)));
+                    }
+                    Some(unseen) => return Err(unseen),
+                    None => {}
                 }
                 Ok(Outcome::new(replayed, stack, timings, self.host.chosen_player()))
             }

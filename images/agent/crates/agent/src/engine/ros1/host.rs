@@ -148,7 +148,8 @@ impl Host for RosmasterHost<'_> {
             let Ended { exit_status, signal } = ended;
             return Abort { exit_status, signal, stderr, ..abort };
         }
-        if abort.reason.starts_with("RosMaster") {
+        let crashed = stack.as_ref().is_some_and(StackEnd::has_crashed);
+        if abort.reason.starts_with("RosMaster") && !crashed {
             return Abort { stderr, ..abort };
         }
         match stack {
