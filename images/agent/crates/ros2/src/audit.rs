@@ -31,7 +31,7 @@ impl Audit for Reader {
                 continue;
             }
             for link in numbers.iter().filter_map(|number| topic.link_with(*number)) {
-                if link.is_mixed() {
+                if link.is_mixed() || link.may_lack_another_s(&self.ledger).map_err(failed)? {
                     continue;
                 }
                 if let Some(messages) = link.taken(&self.ledger).map_err(failed)? {

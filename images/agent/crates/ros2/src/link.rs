@@ -55,6 +55,9 @@ pub(crate) struct Subscriptions {
     /// published before.
     others: RwLock<BTreeMap<EndpointId, u64>>,
     mixed: AtomicBool,
+    /// Whether some of the others came after we had begun to count. What such a one publishes before
+    /// it and a subscription know each other is never taken.
+    late: AtomicBool,
 }
 
 /// How far a node's subscriptions and the stack's own publishers of a topic were when we began to
@@ -146,6 +149,7 @@ impl Subscriptions {
             }),
             others: RwLock::new(others),
             mixed: AtomicBool::new(mixed),
+            late: AtomicBool::new(false),
         })
     }
 
@@ -155,6 +159,7 @@ impl Subscriptions {
         (now.taken, now.earlier, now.lost) = (baseline.taken, 0, 0);
         *self.others.write().unwrap_or_else(PoisonError::into_inner) = baseline.others;
         self.mixed.store(baseline.mixed, Ordering::Relaxed);
+        self.late.store(false, Ordering::Relaxed);
     }
 
     /// Whether these are still all that there are.
@@ -220,6 +225,7 @@ impl Subscriptions {
         let within = self.now.read().unwrap_or_else(PoisonError::into_inner).within;
         let mut others = self.others.write().unwrap_or_else(PoisonError::into_inner);
         for one in publishers {
+            self.late.fetch_or(!others.contains_key(&one.id), Ordering::Relaxed);
             let before = *others.entry(one.id).or_insert(0);
             // Its calls are counted, and nothing of it is taken.
             let untaken = within && one.process == self.process && one.counts.offered > before;
@@ -280,6 +286,37 @@ impl Link {
     /// Whether what it takes of ours can't be distinguished from what it takes of the stack's own.
     pub(crate) fn is_mixed(&self) -> bool {
         self.counted.as_ref().is_some_and(|one| one.mixed.load(Ordering::Relaxed))
+    }
+
+    /// Whether somebody publishes the topic beside us, or has done so.
+    pub(crate) fn is_shared(&self) -> bool {
+        self.counted.as_ref().is_some_and(|one| {
+            !one.others.read().unwrap_or_else(PoisonError::into_inner).is_empty()
+        })
+    }
+
+    /// Whether what seems to be lost of ours may be what somebody published who came late.
+    pub(crate) fn may_lack_another_s(&self, ledger: &Ledger) -> Result<bool, LedgerError> {
+        let Some(counted) = &self.counted else { return Ok(false) };
+        let late = counted.late.load(Ordering::Relaxed);
+        Ok(late && self.taken(ledger)?.is_some_and(|taken| taken < self.sent()))
+    }
+
+    /// Messages that each of its subscriptions has taken, whoever published them.
+    pub(crate) fn taken_of_all(&self, ledger: &Ledger) -> Result<u64, LedgerError> {
+        let Some(counted) = &self.counted else { return Ok(0) };
+        let now = counted.now.read().unwrap_or_else(PoisonError::into_inner);
+        Ok(now.earlier + now.least(ledger)?)
+    }
+
+    /// Waits for nothing more of what went out by now: whether that was taken can't be known.
+    pub(crate) fn write_off(&self, ledger: &Ledger) -> Result<(), LedgerError> {
+        let waiting = self.waiting(ledger)?;
+        if let Some(counted) = self.counted.as_ref().filter(|_| waiting > 0) {
+            counted.mixed.store(true, Ordering::Relaxed);
+            counted.now.write().unwrap_or_else(PoisonError::into_inner).lost += waiting;
+        }
+        Ok(())
     }
 
     /// Counts from there instead, as nothing of ours has gone out.

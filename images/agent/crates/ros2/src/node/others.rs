@@ -107,6 +107,13 @@ impl Graph {
                     topic.info().topic
                 )
             }));
+            remarks.extend(topic.beside_late().into_iter().map(|node| {
+                format!(
+                    "the stack began to publish {} too when {node} was counted already, and what of \
+                     that has not reached it is not known, so that what it got of ours can't be known",
+                    topic.info().topic
+                )
+            }));
             remarks.extend(topic.uncounted(&endpoints).into_iter().map(|node| {
                 format!(
                     "{node} publishes {} too, in a process that does not count, so that what its \

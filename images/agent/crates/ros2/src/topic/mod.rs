@@ -116,6 +116,15 @@ impl Topic {
         self.links().iter().filter(|link| link.is_mixed()).map(|link| link.node.clone()).collect()
     }
 
+    /// The nodes of which it is not known what they got of ours, as they may lack what somebody else
+    /// published who came late.
+    pub(crate) fn beside_late(&self) -> Vec<String> {
+        let lacks = |link: &&Arc<Link>| {
+            !link.is_mixed() && link.may_lack_another_s(&self.means.ledger).unwrap_or(true)
+        };
+        self.links().iter().filter(lacks).map(|link| link.node.clone()).collect()
+    }
+
     fn links(&self) -> Arc<Vec<Arc<Link>>> {
         Arc::clone(&self.links.read().unwrap_or_else(PoisonError::into_inner))
     }

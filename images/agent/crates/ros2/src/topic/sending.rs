@@ -23,6 +23,9 @@ const COMES_BACK: Duration = Duration::from_millis(100);
 const HALF: Duration = Duration::from_millis(20);
 /// Bytes of a message whose copy takes longer than to ask for it beforehand.
 const LARGE: usize = 64 << 10;
+/// How long a message is waited for beside a publisher of the stack, once what a node has taken of ours
+/// is not known any more, but takes.
+const UNKNOWN: Duration = Duration::from_secs(1);
 
 impl Topic {
     /// Waits until there is room for a message of so many bytes at each subscriber; at one that has
@@ -35,7 +38,9 @@ impl Topic {
             let mut full: BTreeMap<u64, u64> = BTreeMap::new();
             let room = |link: &Link, ledger: &Ledger| {
                 let waiting = link.waiting(ledger)?;
-                let room = self.sent().has_room(waiting, link.depth(), bytes);
+                // What another publishes when ours have filled a queue would overwrite one of them.
+                let depth = if link.is_shared() { link.depth().div_ceil(2) } else { link.depth() };
+                let room = self.sent().has_room(waiting, depth, bytes);
                 if let Some(half) = full.get(&link.id()) {
                     return Ok(room && (waiting <= *half || begun.elapsed() >= HALF));
                 }
@@ -120,7 +125,7 @@ impl Topic {
         cancelled: Cancelled<'_>,
     ) -> Result<(), SendError> {
         let ledger = &self.means.ledger;
-        let mut progress = (i128::MIN, Instant::now());
+        let mut progress = (i128::MIN, Instant::now(), 0);
         loop {
             let links = self.links();
             let there: Vec<&Arc<Link>> =
@@ -143,11 +148,18 @@ impl Topic {
                 return Err(SendError::Cancelled);
             }
             let done = done(&there, ledger).map_err(|error| failed(&error))?;
+            let all = taken_of_all(&there, ledger).map_err(|error| failed(&error))?;
             if done > progress.0 {
-                progress = (done, Instant::now());
+                progress = (done, Instant::now(), all);
             }
             let waited = progress.1.elapsed();
-            if waited >= self.means.stall {
+            let unknown = there.iter().any(|link| link.is_mixed()) && waited >= UNKNOWN;
+            if all > progress.2 && (unknown || waited >= self.means.stall) {
+                // It is at work, on what others published: one of ours or of theirs was lost.
+                let off = there.iter().try_for_each(|link| link.write_off(ledger));
+                off.map_err(|error| failed(&error))?;
+                progress.1 = Instant::now();
+            } else if waited >= self.means.stall {
                 let node = there.first().map(|link| link.node.clone()).unwrap_or_default();
                 return Err(SendError::Stalled { node, topic: self.info.topic.clone(), waited });
             }
@@ -163,6 +175,11 @@ fn done(links: &[&Arc<Link>], ledger: &Ledger) -> Result<i128, LedgerError> {
         Ok(2 * taken - i128::from(link.in_hand(ledger)?))
     };
     links.iter().map(of).sum()
+}
+
+/// What all of them have taken, whoever published it.
+fn taken_of_all(links: &[&Arc<Link>], ledger: &Ledger) -> Result<u64, LedgerError> {
+    links.iter().map(|link| link.taken_of_all(ledger)).sum()
 }
 
 pub(super) fn failed(error: &dyn std::error::Error) -> SendError {
