@@ -126,6 +126,7 @@ impl Topic {
     ) -> Result<(), SendError> {
         let ledger = &self.means.ledger;
         let mut progress = (i128::MIN, Instant::now(), 0);
+        let mut known = Vec::new();
         loop {
             let links = self.links();
             let there: Vec<&Arc<Link>> =
@@ -149,8 +150,9 @@ impl Topic {
             }
             let done = done(&there, ledger).map_err(|error| failed(&error))?;
             let all = taken_of_all(&there, ledger).map_err(|error| failed(&error))?;
-            if done > progress.0 {
-                progress = (done, Instant::now(), all);
+            let numbers: Vec<u64> = there.iter().map(|link| link.id()).collect();
+            if done > progress.0 || numbers != known {
+                (progress, known) = ((done, Instant::now(), all), numbers);
             }
             let waited = progress.1.elapsed();
             let unknown = there.iter().any(|link| link.is_mixed()) && waited >= UNKNOWN;
