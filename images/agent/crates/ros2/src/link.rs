@@ -382,9 +382,8 @@ impl Link {
     /// none of them.
     pub(crate) fn taken(&self, ledger: &Ledger) -> Result<Option<u64>, LedgerError> {
         let Some(counted) = &self.counted else { return Ok(None) };
-        let now = counted.now.read().unwrap_or_else(PoisonError::into_inner);
-        let taken = now.earlier + now.least(ledger)?;
-        Ok(Some(taken.saturating_sub(counted.of_others(ledger)?)))
+        let all = self.taken_of_all(ledger)?;
+        Ok(Some(all.saturating_sub(counted.of_others(ledger)?)))
     }
 
     /// Messages that wait in the middleware or are on their way to it; 0 where nobody counts.

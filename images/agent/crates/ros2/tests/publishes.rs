@@ -48,12 +48,23 @@ const LATCHED: &str =
     "- history: keep_last\n  depth: 100\n  reliability: reliable\n  durability: transient_local\n";
 const OUT: [&str; 2] = ["--pub", "/out:std_msgs/msg/String:5000:reliable"];
 
+/// A node of the stack that answers /in, of which its queue holds so many.
+fn start_lane(scene: &Scene, depth: &str, more: &[&str]) -> Node {
+    let queue = format!("/in:std_msgs/msg/String:{depth}:reliable");
+    let lane = ["--name", "/lane", "--relay", "/in=/out", "--sub", &queue];
+    scene.start("standin_node", &[&lane[..], &OUT, more].concat())
+}
+
+/// One that publishes /in as well.
+fn start_other(scene: &Scene, more: &[&str]) -> Node {
+    let other = ["--name", "/other", "--pub", "/in:std_msgs/msg/String:1000:reliable"];
+    scene.start("standin_node", &[&other[..], more].concat())
+}
+
 /// Plays messages of /in while another node of the stack publishes it, each of its calls returning so
 /// much later than the message goes out.
 fn beside_another(scene: &Scene, late: &str, burst: &str, plays: usize) -> Vec<Replayed> {
-    let lane = ["--name", "/lane", "--relay", "/in=/out", "--sub"];
-    let lane = [&lane[..], &["/in:std_msgs/msg/String:1000:reliable"], &OUT].concat();
-    let _lane = scene.start("standin_node", &lane);
+    let _lane = start_lane(scene, "1000", &[]);
     let other = ["--name", "/other", "--pub", "/in:std_msgs/msg/String:1000:reliable"];
     let paces = ["--every-us", "10000", "--burst", burst, "--returns-late-us", late];
     let _other = scene.start("standin_node", &[&other[..], &paces].concat());
@@ -281,11 +292,8 @@ fn what_comes_while_a_node_is_away_hides_no_loss_of_ours() {
 #[test]
 fn who_subscribes_again_beside_another_publisher_is_unproved_and_has_lost_nothing() {
     let scene = Scene::new();
-    let lane = ["--name", "/lane", "--relay", "/in=/out", "--renew-every", "20", "--sub"];
-    let lane = [&lane[..], &["/in:std_msgs/msg/String:1000:reliable"], &OUT].concat();
-    let _lane = scene.start("standin_node", &lane);
-    let other = ["--name", "/other", "--pub", "/in:std_msgs/msg/String:1000:reliable"];
-    let _other = scene.start("standin_node", &[&other[..], &["--burst", "5"]].concat());
+    let _lane = start_lane(&scene, "1000", &["--renew-every", "20"]);
+    let _other = start_other(&scene, &["--burst", "5"]);
     scene.await_published("/in", 5);
     let ask = Ask { mode: Mode::Lockstep, ..DEFAULT };
     let replayed = scene.play(&recording_of(&strings(RELIABLE), 100, 60), &ask).unwrap();
@@ -297,9 +305,7 @@ fn who_subscribes_again_beside_another_publisher_is_unproved_and_has_lost_nothin
 #[test]
 fn beside_who_begins_to_publish_uncounted_nothing_is_proved_and_nothing_called_lost() {
     let scene = Scene::new();
-    let lane = ["--name", "/lane", "--relay", "/in=/out", "--sub"];
-    let lane = [&lane[..], &["/in:std_msgs/msg/String:5000:reliable"], &OUT].concat();
-    let _lane = scene.start("standin_node", &lane);
+    let _lane = start_lane(&scene, "5000", &[]);
     let mut other = None;
     let looks = scene.graph.player();
     let is_there = || looks.graph().unwrap().iter().any(|node| node.name == "/other");
@@ -325,11 +331,8 @@ fn beside_who_begins_to_publish_uncounted_nothing_is_proved_and_nothing_called_l
 #[test]
 fn where_another_s_messages_come_and_go_a_lost_one_is_waited_for_once() {
     let scene = Scene::new();
-    let lane = ["--name", "/lane", "--relay", "/in=/out", "--delay-us", "3000", "--sub"];
-    let lane = [&lane[..], &["/in:std_msgs/msg/String:1:reliable"], &OUT].concat();
-    let _lane = scene.start("standin_node", &lane);
-    let other = ["--name", "/other", "--pub", "/in:std_msgs/msg/String:1000:reliable"];
-    let _other = scene.start("standin_node", &[&other[..], &["--every-us", "5000"]].concat());
+    let _lane = start_lane(&scene, "1", &["--delay-us", "3000"]);
+    let _other = start_other(&scene, &["--every-us", "5000"]);
     scene.await_offered("/in", 5);
     let ask = Ask { mode: Mode::Lockstep, drain: Duration::from_secs(1), ..DEFAULT };
     let replayed = scene.play(&recording_of(&strings(RELIABLE), 30, 60), &ask).unwrap();
@@ -341,11 +344,8 @@ fn where_another_s_messages_come_and_go_a_lost_one_is_waited_for_once() {
 #[test]
 fn what_another_publishes_overwrites_none_of_ours_at_the_subscribers_pace() {
     let scene = Scene::new();
-    let lane = ["--name", "/lane", "--relay", "/in=/out", "--delay-us", "2000", "--sub"];
-    let lane = [&lane[..], &["/in:std_msgs/msg/String:10:reliable"], &OUT].concat();
-    let _lane = scene.start("standin_node", &lane);
-    let other = ["--name", "/other", "--pub", "/in:std_msgs/msg/String:1000:reliable"];
-    let _other = scene.start("standin_node", &[&other[..], &["--every-us", "20000"]].concat());
+    let _lane = start_lane(&scene, "10", &["--delay-us", "2000"]);
+    let _other = start_other(&scene, &["--every-us", "20000"]);
     scene.await_offered("/in", 5);
     let ask = Ask { mode: Mode::Max, ..DEFAULT };
     let ledger = scene.play(&recording_of(&strings(RELIABLE), 1000, 60), &ask).unwrap().ledger;
@@ -355,9 +355,7 @@ fn what_another_publishes_overwrites_none_of_ours_at_the_subscribers_pace() {
 #[test]
 fn what_one_who_came_late_published_before_it_was_known_is_no_loss_of_ours() {
     let scene = Scene::new();
-    let lane = ["--name", "/lane", "--relay", "/in=/out", "--sub"];
-    let lane = [&lane[..], &["/in:std_msgs/msg/String:1000:reliable"], &OUT].concat();
-    let _lane = scene.start("standin_node", &lane);
+    let _lane = start_lane(&scene, "1000", &[]);
     let mut other = None;
     let mut seen = |progress: Progress| {
         if progress.stage == Stage::Play && other.is_none() {

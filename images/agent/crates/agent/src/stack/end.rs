@@ -68,9 +68,9 @@ impl StackEnd {
         self.ended = facts.evidence();
     }
 
-    /// Whether something of it crashed.
-    pub fn has_crashed(&self) -> bool {
-        self.ended.iter().any(|end| end.cause == Cause::StackCrashed)
+    /// The first crash of something of it.
+    pub fn crash(&self) -> Option<&StackEnded> {
+        self.ended.iter().find(|end| end.cause == Cause::StackCrashed)
     }
 
     /// Adds what the program wrote and how it ended.
@@ -84,8 +84,7 @@ impl StackEnd {
             abort.message =
                 format!("{} (a shell's sign of a missing command: {last})", abort.message);
         }
-        let crash = self.ended.iter().find(|end| end.cause == Cause::StackCrashed);
-        if let Some(crash) = crash.filter(|_| CONSEQUENCES.contains(&&*abort.reason)) {
+        if let Some(crash) = self.crash().filter(|_| CONSEQUENCES.contains(&&*abort.reason)) {
             abort.message = format!("{}; then: {}", crash.message, abort.message);
             abort.reason = crash.cause.name().to_owned();
         }

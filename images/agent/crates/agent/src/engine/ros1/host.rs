@@ -148,7 +148,7 @@ impl Host for RosmasterHost<'_> {
             let Ended { exit_status, signal } = ended;
             return Abort { exit_status, signal, stderr, ..abort };
         }
-        let crashed = stack.as_ref().is_some_and(StackEnd::has_crashed);
+        let crashed = stack.as_ref().is_some_and(|stack| stack.crash().is_some());
         if abort.reason.starts_with("RosMaster") && !crashed {
             return Abort { stderr, ..abort };
         }
