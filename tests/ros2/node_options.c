@@ -20,6 +20,7 @@ static const char usage[] =
     "--first-us N           how long the first of a topic takes besides\n"
     "--drop-every N         each Nth message of a topic gets no answer\n"
     "--answers N            each other one gets so many, in place of one\n"
+    "--answers-from N       a message of fewer bytes gets none\n"
     "--renew-every N        after each Nth message a subscription is destroyed and created again\n"
     "--apart-us N           how long it has none in between\n"
     "--doze-every N         after each Nth of the first hundred messages of a topic no more are taken\n"
@@ -98,6 +99,7 @@ static void value(const char *option, const char *text) {
   else if (!strcmp(option, "--first-us")) asked.first_us = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--drop-every")) asked.drop_every = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--answers")) asked.answers = strtoull(text, NULL, 10);
+  else if (!strcmp(option, "--answers-from")) asked.answers_from = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--renew-every")) asked.renew_every = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--apart-us")) asked.apart_us = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--doze-every")) asked.doze_every = strtoull(text, NULL, 10);

@@ -97,6 +97,7 @@ void work(struct subscription *of) {
   }
   if (asked.leave_after > 0 && count == asked.leave_after) life_turns();
   bool dropped = asked.drop_every > 0 && count % asked.drop_every == 0;
+  if (of->message.length < asked.answers_from) dropped = true;
   for (uint64_t answer = 0; answer < asked.answers && !dropped; answer++) {
     if (of->work == WORK_TEXT) answer_text(of, count);
     if (of->work == WORK_STAMP) answer_stamp(of, count);
