@@ -7,11 +7,18 @@ use std::time::{Duration, Instant};
 
 use bagpipe_graph::{LinkState, Share};
 use bagpipe_ros2ledger::{
-    Counts, Endpoint, EndpointId, History, Ledger, LedgerError, ProcessId, Strength,
+    Counts, Endpoint, EndpointId, History, Ledger, LedgerError, ProcessId, Qos, Strength,
 };
+
+use crate::qos::reaches;
 
 /// The most messages that may wait for a node to take them, however deep its queue.
 pub(crate) const MOST_WAITING: u64 = 1000;
+
+/// How long a message is waited for beside a publisher of the stack, once what a node has taken of ours
+/// is not known any more, but takes; and how often that is halved.
+const UNKNOWN: Duration = Duration::from_secs(1);
+const HALVED: u32 = 6;
 
 /// How long a callback is waited for whose end is not reported.
 const UNSEEN: Duration = Duration::from_secs(5);
@@ -81,6 +88,12 @@ struct Now {
     earlier: u64,
     /// What went out to those before them and nobody will take any more.
     lost: u64,
+    /// What they had taken, whoever published it, when what waited for them was given up last.
+    written_off: Option<u64>,
+    /// How often that was.
+    write_offs: u32,
+    /// What each asks for.
+    wanted: Vec<Qos>,
     /// Messages that the smallest of their queues holds.
     depth: u64,
     /// The weakest of them.
@@ -143,6 +156,9 @@ impl Subscriptions {
                 taken,
                 earlier: 0,
                 lost: 0,
+                written_off: None,
+                write_offs: 0,
+                wanted: wanted(subscriptions),
                 depth: depth(subscriptions),
                 strength: subscriptions.iter().map(|one| one.strength).min()?,
                 within: subscriptions.iter().any(|one| one.intra_process),
@@ -195,6 +211,7 @@ impl Subscriptions {
             now.lost = sent.saturating_sub(ours);
         }
         now.taken = subscriptions.iter().map(known).collect();
+        now.wanted = wanted(subscriptions);
         now.depth = depth(subscriptions);
         Ok(())
     }
@@ -220,18 +237,34 @@ impl Subscriptions {
         }
     }
 
-    /// Takes in which publishers of the topic the stack has by now.
+    /// Takes in which publishers of the topic the stack has by now. Of one whose quality of service
+    /// reaches none of them nothing is taken.
     fn learn(&self, publishers: &[&Endpoint]) {
-        let within = self.now.read().unwrap_or_else(PoisonError::into_inner).within;
+        let now = self.now.read().unwrap_or_else(PoisonError::into_inner);
         let mut others = self.others.write().unwrap_or_else(PoisonError::into_inner);
         for one in publishers {
+            let reached = now.wanted.iter().filter(|wanted| reaches(&one.qos, wanted)).count();
+            if reached == 0 {
+                continue;
+            }
             self.late.fetch_or(!others.contains_key(&one.id), Ordering::Relaxed);
             let before = *others.entry(one.id).or_insert(0);
-            // Its calls are counted, and nothing of it is taken.
-            let untaken = within && one.process == self.process && one.counts.offered > before;
+            // Its calls are counted, and nothing of it is taken by some.
+            let within = now.within && one.process == self.process;
+            let untaken = (within || reached < now.wanted.len()) && one.counts.offered > before;
             self.mixed.fetch_or(untaken, Ordering::Relaxed);
         }
     }
+}
+
+/// How long a message is waited for that may be none, after so many that were: each time half as long, so
+/// that a recording does not wait a second for each of its messages.
+fn patience(write_offs: u32) -> Duration {
+    UNKNOWN / (1 << write_offs.min(HALVED))
+}
+
+fn wanted(subscriptions: &[&Endpoint]) -> Vec<Qos> {
+    subscriptions.iter().map(|one| one.qos).collect()
 }
 
 fn depth(subscriptions: &[&Endpoint]) -> u64 {
@@ -295,11 +328,14 @@ impl Link {
         })
     }
 
+    /// Whether somebody publishes the topic beside us who came after we had begun to count.
+    pub(crate) fn is_beside_late(&self) -> bool {
+        self.counted.as_ref().is_some_and(|one| one.late.load(Ordering::Relaxed))
+    }
+
     /// Whether what seems to be lost of ours may be what somebody published who came late.
     pub(crate) fn may_lack_another_s(&self, ledger: &Ledger) -> Result<bool, LedgerError> {
-        let Some(counted) = &self.counted else { return Ok(false) };
-        let late = counted.late.load(Ordering::Relaxed);
-        Ok(late && self.taken(ledger)?.is_some_and(|taken| taken < self.sent()))
+        Ok(self.is_beside_late() && self.taken(ledger)?.is_some_and(|taken| taken < self.sent()))
     }
 
     /// Messages that each of its subscriptions has taken, whoever published them.
@@ -309,14 +345,27 @@ impl Link {
         Ok(now.earlier + now.least(ledger)?)
     }
 
-    /// Waits for nothing more of what went out by now: whether that was taken can't be known.
-    pub(crate) fn write_off(&self, ledger: &Ledger) -> Result<(), LedgerError> {
-        let waiting = self.waiting(ledger)?;
-        if let Some(counted) = self.counted.as_ref().filter(|_| waiting > 0) {
-            counted.mixed.store(true, Ordering::Relaxed);
-            counted.now.write().unwrap_or_else(PoisonError::into_inner).lost += waiting;
+    /// Waits for nothing more of what went out by now: beside another publisher one of ours or of
+    /// theirs was lost, and whether ours were taken can't be known. Whether something was given up: of
+    /// who has taken nothing since the last time it is not believed again.
+    pub(crate) fn write_off(&self, ledger: &Ledger) -> Result<bool, LedgerError> {
+        let (waiting, all) = (self.waiting(ledger)?, self.taken_of_all(ledger)?);
+        let Some(counted) = self.counted.as_ref().filter(|_| waiting > 0) else { return Ok(false) };
+        let mut now = counted.now.write().unwrap_or_else(PoisonError::into_inner);
+        if !self.is_shared() || now.written_off == Some(all) {
+            return Ok(false);
         }
-        Ok(())
+        (now.lost, now.written_off) = (now.lost + waiting, Some(all));
+        now.write_offs += 1;
+        counted.mixed.store(true, Ordering::Relaxed);
+        Ok(true)
+    }
+
+    /// How long a message is waited for at it, as long as it takes others, where what it has taken of
+    /// ours is not known; `None` where it is.
+    pub(crate) fn patience(&self) -> Option<Duration> {
+        let write_offs = self.of_now(|now| now.write_offs).unwrap_or(0);
+        self.is_mixed().then(|| patience(write_offs))
     }
 
     /// Counts from there instead, as nothing of ours has gone out.
@@ -453,5 +502,18 @@ impl Link {
             (0, _) => Ok(None),
             _ => Ok(Some(false)),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_thousand_messages_that_are_none_are_waited_for_17_s_in_all() {
+        let each: Vec<Duration> = (0..1000).map(patience).collect();
+        let s = |seconds: f64| Duration::from_secs_f64(seconds);
+        assert_eq!(each[..8], [1.0, 0.5, 0.25, 0.125, 0.0625, 0.03125, 0.015625, 0.015625].map(s));
+        assert_eq!(each.iter().sum::<Duration>(), s(17.5));
     }
 }

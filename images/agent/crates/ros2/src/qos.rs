@@ -119,6 +119,15 @@ pub(crate) fn incompatible(offered: &Qos, wanted: &ledger::Qos) -> Option<&'stat
     }
 }
 
+/// Whether a subscription may receive what a publisher of the stack offers.
+pub(crate) fn reaches(offered: &ledger::Qos, wanted: &ledger::Qos) -> bool {
+    let unreliable = wanted.reliability == ledger::Reliability::Reliable
+        && offered.reliability == ledger::Reliability::BestEffort;
+    let unlatched = wanted.durability == ledger::Durability::TransientLocal
+        && offered.durability == ledger::Durability::Volatile;
+    !unreliable && !unlatched
+}
+
 /// Why a recorder that is there already gets nothing of a publisher; `None` if it does.
 pub(crate) fn unrecordable(offered: &ledger::Qos, recorded: &Qos) -> Option<&'static str> {
     let best_effort = offered.reliability == ledger::Reliability::BestEffort;
@@ -314,5 +323,29 @@ mod tests {
         assert!(late.contains("transient local"), "{late}");
         assert_eq!(incompatible(&weak, &asked(R::BestEffort, D::Volatile)), None);
         assert_eq!(incompatible(&strong, &asked(R::Reliable, D::TransientLocal)), None);
+    }
+
+    #[test]
+    fn a_publisher_reaches_who_asks_for_no_more_than_it_offers() {
+        use ledger::{Durability as D, Reliability as R};
+        let all = [
+            (R::Reliable, D::TransientLocal),
+            (R::Reliable, D::Volatile),
+            (R::BestEffort, D::TransientLocal),
+            (R::BestEffort, D::Volatile),
+        ];
+        let qos = |(reliability, durability)| asked(reliability, durability);
+        let reached = all.map(|offered| all.map(|wanted| reaches(&qos(offered), &qos(wanted))));
+        assert_eq!(
+            reached,
+            [
+                [true, true, true, true],
+                [false, true, false, true],
+                [false, false, true, true],
+                [false, false, false, true],
+            ]
+        );
+        let other = asked(R::Other(9), D::Other(9));
+        assert!(all.iter().all(|one| reaches(&other, &qos(*one)) && reaches(&qos(*one), &other)));
     }
 }

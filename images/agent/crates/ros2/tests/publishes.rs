@@ -363,3 +363,147 @@ fn what_one_who_came_late_published_before_it_was_known_is_no_loss_of_ours() {
         assert!(whole || ledger.strength == Some(Strength::Sent), "{mode:?} {ledger:?}");
     }
 }
+
+#[test]
+fn who_begins_to_publish_before_the_play_is_counted_though_it_met_nobody_at_first() {
+    let scene = Scene::new();
+    let _lane = start_lane(&scene, "1000", &[]);
+    let leader = ["--name", "/leader", "--life-cycle", "inactive"];
+    let leader = scene.start("standin_node", &leader);
+    let (mut looks, mut other) = (0, None);
+    let mut seen = |progress: Progress| {
+        looks += u32::from(progress.stage == Stage::Subscribe);
+        if looks == 2 {
+            // It publishes before it knows anybody, and then no more until its subscriber knows us.
+            other = Some(start_other(&scene, &["--burst", "50"]));
+            scene.await_published("/in", 50);
+        } else if looks == 4 {
+            leader.signal("USR1");
+        }
+    };
+    let ask = Ask { mode: Mode::Lockstep, active: &["/leader"], ..DEFAULT };
+    let played = recording_of(&strings(RELIABLE), 100, 60);
+    let ledger = scene.play_while(&played, &ask, &mut seen).unwrap().ledger;
+    assert!(looks >= 4 && other.is_some(), "{looks}");
+    assert_eq!((ledger.sent, ledger.received, ledger.dropped), (100, 100, 0));
+    assert_eq!(ledger.strength, Some(Strength::Called));
+}
+
+#[test]
+fn what_a_node_can_t_be_given_by_another_is_no_loss_of_ours() {
+    let scene = Scene::new();
+    let _lane = start_lane(&scene, "1000", &[]);
+    let best_effort = ["--pub", "/in:std_msgs/msg/String:1000:best_effort"];
+    let paces = ["--every-us", "10000"];
+    let words = [&["--name", "/other"][..], &best_effort, &paces].concat();
+    let _other = scene.start("standin_node", &words);
+    scene.await_published("/in", 5);
+    let played = recording_of(&strings(RELIABLE), 300, 60);
+    for mode in [Mode::Lockstep, Mode::Realtime] {
+        let ask = Ask { mode, drain: Duration::from_secs(1), ..DEFAULT };
+        let replayed = scene.play(&played, &ask).unwrap();
+        let ledger = &replayed.ledger;
+        assert_eq!((ledger.sent, ledger.received, ledger.dropped), (300, 300, 0), "{mode:?}");
+        assert_eq!(ledger.strength, Some(Strength::Called), "{:?}", replayed.playback.warnings);
+    }
+}
+
+#[test]
+fn where_another_reaches_one_of_a_node_s_subscriptions_nothing_is_proved() {
+    let scene = Scene::new();
+    let both = ["--sub", "/in:std_msgs/msg/String:1000:best_effort"];
+    let _lane = start_lane(&scene, "1000", &both);
+    let best_effort = ["--name", "/other", "--pub", "/in:std_msgs/msg/String:1000:best_effort"];
+    let other = [&best_effort[..], &["--every-us", "5000"]].concat();
+    let other = scene.start("standin_node", &other);
+    scene.await_published("/in", 5);
+    // Nothing of it waits when ours begin.
+    other.signal("STOP");
+    let mut seen = |progress: Progress| {
+        if progress.stage == Stage::Play && progress.sent > 0 {
+            other.signal("CONT");
+        }
+    };
+    let ask = Ask { mode: Mode::Realtime, ..DEFAULT };
+    let played = recording_of(&strings(RELIABLE), 1000, 60);
+    let replayed = scene.play_while(&played, &ask, &mut seen).unwrap();
+    assert_eq!((replayed.ledger.sent, replayed.ledger.strength), (1000, Some(Strength::Sent)));
+}
+
+#[test]
+fn nor_is_a_node_at_fault_beside_one_that_comes_late_and_falls_silent() {
+    let scene = Scene::new();
+    let _lane = start_lane(&scene, "1000", &["--delay-us", "3000"]);
+    let mut other = None;
+    let mut seen = |progress: Progress| {
+        if progress.stage == Stage::Play && progress.sent > 0 && other.is_none() {
+            // It publishes before it knows anybody.
+            other = Some(start_other(&scene, &["--burst", "50"]));
+            scene.await_published("/in", 50);
+        }
+    };
+    let ask = Ask { mode: Mode::Lockstep, drain: Duration::from_secs(1), ..DEFAULT };
+    let replayed =
+        scene.play_while(&recording_of(&strings(RELIABLE), 400, 60), &ask, &mut seen).unwrap();
+    assert_eq!((replayed.ledger.sent, replayed.ledger.strength), (400, Some(Strength::Sent)));
+    let warnings = replayed.playback.warnings.join("; ");
+    assert!(warnings.contains("began to publish /in too"), "{warnings}");
+    assert_eq!(counts(&scene, Kind::Subscription, "/lane", "/in").taken, 400);
+}
+
+#[test]
+fn who_has_stopped_beside_another_publisher_is_named() {
+    let scene = Scene::new();
+    let lane = start_lane(&scene, "1000", &["--delay-us", "3000"]);
+    let _other = start_other(&scene, &["--burst", "5"]);
+    scene.await_published("/in", 5);
+    let mut seen = |progress: Progress| {
+        if progress.stage == Stage::Play && progress.sent > 0 {
+            lane.signal("STOP");
+        }
+    };
+    let ask = Ask { mode: Mode::Lockstep, drain: Duration::from_secs(1), ..DEFAULT };
+    let played = recording_of(&strings(RELIABLE), 400, 60);
+    let error = scene.play_while(&played, &ask, &mut seen).unwrap_err();
+    assert_eq!(error.reason(), "StackStoppedReading");
+}
+
+/// Plays messages to a node and to one that stops in the midst, beside another publisher, if there is
+/// one; how that failed.
+fn beside_who_stops(sleeper: &[&str], mode: Mode, other: bool) -> String {
+    let scene = Scene::new();
+    let _lane = start_lane(&scene, "100", &[]);
+    let queue = ["--name", "/sleeper", "--sub", "/in:std_msgs/msg/String:10:reliable"];
+    let sleeper = scene.start("standin_node", &[&queue[..], sleeper].concat());
+    let _other = other.then(|| {
+        let other = start_other(&scene, &["--every-us", "50000"]);
+        scene.await_published("/in", 2);
+        other
+    });
+    let ask = Ask { mode, drain: Duration::from_secs(1), ..DEFAULT };
+    let played = recording_of(&strings(RELIABLE), 1000, 60);
+    let replayed = std::thread::scope(|scope| {
+        scope.spawn(|| {
+            let taken = || counts(&scene, Kind::Subscription, "/sleeper", "/in").taken;
+            eventually(|| taken() > 20);
+            sleeper.signal("STOP");
+        });
+        scene.play(&played, &ask).map(|replayed| replayed.ledger)
+    });
+    replayed.unwrap_err().to_string()
+}
+
+#[test]
+fn who_has_stopped_is_named_though_others_take_what_another_publishes() {
+    let name = "the node /sleeper has taken nothing";
+    for (sleeper, mode, other) in [
+        (["--delay-us", "3000"], Mode::Max, false),
+        (["--delay-us", "3000"], Mode::Max, true),
+        (["--delay-us", "3000"], Mode::Lockstep, true),
+        // Within its callback.
+        (["--delay-us", "40000"], Mode::Lockstep, true),
+    ] {
+        let why = beside_who_stops(&sleeper, mode, other);
+        assert!(why.contains(name), "{sleeper:?} {mode:?} {other}: {why}");
+    }
+}

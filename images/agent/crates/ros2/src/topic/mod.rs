@@ -113,16 +113,21 @@ impl Topic {
     /// The nodes of which it is not known what they got of ours, as they may have taken messages of
     /// the stack's own in their place.
     pub(crate) fn mixed(&self) -> Vec<String> {
-        self.links().iter().filter(|link| link.is_mixed()).map(|link| link.node.clone()).collect()
+        self.nodes(|link| link.is_mixed() && !self.may_lack_another_s(link))
     }
 
     /// The nodes of which it is not known what they got of ours, as they may lack what somebody else
     /// published who came late.
     pub(crate) fn beside_late(&self) -> Vec<String> {
-        let lacks = |link: &&Arc<Link>| {
-            !link.is_mixed() && link.may_lack_another_s(&self.means.ledger).unwrap_or(true)
-        };
-        self.links().iter().filter(lacks).map(|link| link.node.clone()).collect()
+        self.nodes(|link| self.may_lack_another_s(link))
+    }
+
+    fn may_lack_another_s(&self, link: &Link) -> bool {
+        link.may_lack_another_s(&self.means.ledger).unwrap_or(true)
+    }
+
+    fn nodes(&self, of: impl Fn(&Link) -> bool) -> Vec<String> {
+        self.links().iter().filter(|link| of(link)).map(|link| link.node.clone()).collect()
     }
 
     fn links(&self) -> Arc<Vec<Arc<Link>>> {

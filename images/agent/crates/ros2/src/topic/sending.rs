@@ -23,9 +23,6 @@ const COMES_BACK: Duration = Duration::from_millis(100);
 const HALF: Duration = Duration::from_millis(20);
 /// Bytes of a message whose copy takes longer than to ask for it beforehand.
 const LARGE: usize = 64 << 10;
-/// How long a message is waited for beside a publisher of the stack, once what a node has taken of ours
-/// is not known any more, but takes.
-const UNKNOWN: Duration = Duration::from_secs(1);
 
 impl Topic {
     /// Waits until there is room for a message of so many bytes at each subscriber; at one that has
@@ -116,8 +113,8 @@ impl Topic {
         }
     }
 
-    /// Waits for `holds`, which is asked of each open link that counts, as long as something is
-    /// taken or ends now and then.
+    /// Waits for `holds`, which is asked of each open link that counts, as long as each of which it
+    /// does not hold takes or ends something now and then.
     fn wait(
         &self,
         events: &[Event],
@@ -125,8 +122,7 @@ impl Topic {
         cancelled: Cancelled<'_>,
     ) -> Result<(), SendError> {
         let ledger = &self.means.ledger;
-        let mut progress = (i128::MIN, Instant::now(), 0);
-        let mut known = Vec::new();
+        let mut progress: BTreeMap<u64, Progress> = BTreeMap::new();
         loop {
             let links = self.links();
             let there: Vec<&Arc<Link>> =
@@ -148,22 +144,52 @@ impl Topic {
             if cancelled() {
                 return Err(SendError::Cancelled);
             }
-            let done = done(&there, ledger).map_err(|error| failed(&error))?;
-            let all = taken_of_all(&there, ledger).map_err(|error| failed(&error))?;
-            let numbers: Vec<u64> = there.iter().map(|link| link.id()).collect();
-            if done > progress.0 || numbers != known {
-                (progress, known) = ((done, Instant::now(), all), numbers);
+            progress.retain(|id, _| there.iter().any(|link| link.id() == *id && link.is_open()));
+            for link in there.iter().filter(|link| link.is_open()) {
+                if holds(link, ledger).map_err(|error| failed(&error))? {
+                    progress.remove(&link.id());
+                } else {
+                    self.may_wait_for(link, progress.entry(link.id()).or_default())?;
+                }
             }
-            let waited = progress.1.elapsed();
-            let unknown = there.iter().any(|link| link.is_mixed()) && waited >= UNKNOWN;
-            if all > progress.2 && (unknown || waited >= self.means.stall) {
-                // It is at work, on what others published: one of ours or of theirs was lost.
-                let off = there.iter().try_for_each(|link| link.write_off(ledger));
-                off.map_err(|error| failed(&error))?;
-                progress.1 = Instant::now();
-            } else if waited >= self.means.stall {
-                let node = there.first().map(|link| link.node.clone()).unwrap_or_default();
-                return Err(SendError::Stalled { node, topic: self.info.topic.clone(), waited });
+        }
+    }
+
+    /// Takes in how far somebody is who is waited for. Fails if it has stopped; what another may have
+    /// published in place of what seems to lack is not waited for any more.
+    fn may_wait_for(&self, link: &Link, progress: &mut Progress) -> Result<(), SendError> {
+        let (ledger, failed) = (&self.means.ledger, |error: LedgerError| failed(&error));
+        let (done, all) = (done(link, ledger), link.taken_of_all(ledger).map_err(failed)?);
+        let waited = progress.look(Instant::now(), done.map_err(failed)?, all);
+        let stalled = waited >= self.means.stall;
+        let unknown = link.patience().is_some_and(|patience| waited >= patience);
+        if (stalled || (unknown && all > progress.all)) && link.write_off(ledger).map_err(failed)? {
+            *progress = Progress::default();
+        } else if stalled {
+            let (node, topic) = (link.node.clone(), self.info.topic.clone());
+            return Err(SendError::Stalled { node, topic, waited });
+        }
+        Ok(())
+    }
+}
+
+/// How far somebody was who is waited for.
+#[derive(Default)]
+struct Progress {
+    /// With the last message of ours that was taken or done with, and since when.
+    done: Option<(i128, Instant)>,
+    /// Messages that were taken by then, whoever published them.
+    all: u64,
+}
+
+impl Progress {
+    /// Takes in how far it is now; since how long it has come no further.
+    fn look(&mut self, now: Instant, done: i128, all: u64) -> Duration {
+        match self.done {
+            Some((before, since)) if done <= before => now - since,
+            _ => {
+                *self = Progress { done: Some((done, now)), all };
+                Duration::ZERO
             }
         }
     }
@@ -171,17 +197,9 @@ impl Topic {
 
 /// A figure that grows with each message of ours that is taken or done with. With one of the stack's own
 /// it goes down and comes back.
-fn done(links: &[&Arc<Link>], ledger: &Ledger) -> Result<i128, LedgerError> {
-    let of = |link: &&Arc<Link>| {
-        let taken = i128::from(link.taken(ledger)?.unwrap_or(0));
-        Ok(2 * taken - i128::from(link.in_hand(ledger)?))
-    };
-    links.iter().map(of).sum()
-}
-
-/// What all of them have taken, whoever published it.
-fn taken_of_all(links: &[&Arc<Link>], ledger: &Ledger) -> Result<u64, LedgerError> {
-    links.iter().map(|link| link.taken_of_all(ledger)).sum()
+fn done(link: &Link, ledger: &Ledger) -> Result<i128, LedgerError> {
+    let taken = i128::from(link.taken(ledger)?.unwrap_or(0));
+    Ok(2 * taken - i128::from(link.in_hand(ledger)?))
 }
 
 pub(super) fn failed(error: &dyn std::error::Error) -> SendError {

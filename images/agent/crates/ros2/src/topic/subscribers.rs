@@ -13,6 +13,7 @@ use super::backlog::{Backlog, stand};
 use super::look::{Look, Owner};
 use super::sending::failed;
 use crate::link::{Baseline, Link, Subscriptions, Totals};
+use crate::qos::reaches;
 use crate::stillness::counted;
 
 /// A subscription whose process has not reported for so long whom it knows is believed to know us.
@@ -62,6 +63,9 @@ impl Topic {
         self.learn_publishers(&look.endpoints);
         self.strangers().retain(|owner, _| nodes.contains_key(owner));
         let mut links = Vec::clone(&self.links());
+        if now.messages() == 0 {
+            links.retain(|link| !self.counts_again(link));
+        }
         for link in &links {
             let Some(counted) = &link.counted else { continue };
             let owner = (counted.process, link.node.clone());
@@ -92,6 +96,15 @@ impl Topic {
         *self.links.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(links);
         self.listed.store(look.listed, Ordering::Relaxed);
         Ok(())
+    }
+
+    /// Before the play: whether a node is to be counted again, as somebody has come who publishes the
+    /// topic too. That one's first messages may have reached nobody.
+    fn counts_again(&self, link: &Link) -> bool {
+        if let Some(counted) = link.counted.as_ref().filter(|_| link.is_beside_late()) {
+            self.backlogs().remove(&(counted.process, link.node.clone()));
+        }
+        link.is_beside_late()
     }
 
     /// A node subscribes: if it is new, or has come back, it has a link from now on, or from when it
@@ -142,7 +155,8 @@ impl Topic {
         begun: bool,
     ) -> Result<Baseline, LedgerError> {
         let now = Instant::now();
-        let publishers = self.publishers(&look.endpoints);
+        let mut publishers = self.publishers(&look.endpoints);
+        publishers.retain(|from| subscriptions.iter().any(|to| reaches(&from.qos, &to.qos)));
         let (found, stand) = stand(&self.means.ledger, look, subscriptions, &publishers)?;
         if begun {
             let taken = found.taken.into_iter().map(|(id, _)| (id, 0)).collect();
@@ -234,10 +248,13 @@ impl Topic {
         look: &Look,
         (known, waits): (bool, bool),
     ) -> bool {
-        let others = look.there(Kind::Publisher, &self.info.topic).count();
         let there = look.there(Kind::Subscription, &self.info.topic).count();
         let there = there + self.links().iter().filter(|link| link.is_uncounted()).count();
-        let reported = |one: &&Endpoint| one.matched.is_some_and(|known| known as usize > others);
+        let others = |one: &Endpoint| {
+            let there = look.there(Kind::Publisher, &self.info.topic);
+            there.filter(|other| reaches(&other.qos, &one.qos)).count()
+        };
+        let reported = |one: &&Endpoint| one.matched.is_some_and(|all| all as usize > others(one));
         // Either side may know of the other first, and what is published in between never comes.
         let known_to_us = || self.means.player.subscribers(self.publisher).unwrap_or_default();
         let mut strangers = self.strangers();
