@@ -82,7 +82,8 @@ impl Publication {
     }
 
     /// Answers a subscriber's header and takes it in once it has read what is latched, so that no
-    /// message overtakes that. Until then the play does not wait for it.
+    /// message overtakes that. The play does not wait until it has read what was latched when it came; from
+    /// then on it does, so that it misses no more.
     pub(crate) fn welcome(
         &self,
         node_name: &str,
@@ -110,23 +111,20 @@ impl Publication {
             open: true,
         };
         let mut link = Link { state, stream };
-        let mut known = Latched::new();
-        loop {
-            let new = {
-                let mut links = lock(&self.links);
-                let new = links.latched_beyond(&known);
-                if new.is_empty() {
-                    links.add(link);
-                    return Ok(());
-                }
-                new
-            };
-            for (share, frame) in new.values() {
-                self.send_to(&mut link, *share, &[frame], &mut || false)
-                    .map_err(|_| "it did not read the latched messages".to_owned())?;
-            }
-            known.extend(new);
+        let first = lock(&self.links).latched_beyond(&Latched::new());
+        self.send_latched(&mut link, &first)?;
+        let mut links = lock(&self.links);
+        self.send_latched(&mut link, &links.latched_beyond(&first))?;
+        links.add(link);
+        Ok(())
+    }
+
+    fn send_latched(&self, link: &mut Link, latched: &Latched) -> Result<(), String> {
+        for (share, frame) in latched.values() {
+            self.send_to(link, *share, &[frame], &mut || false)
+                .map_err(|_| "it did not read the latched messages".to_owned())?;
         }
+        Ok(())
     }
 
     fn agrees(&self, header: &ConnectionHeader) -> Result<(), String> {
@@ -403,6 +401,37 @@ mod tests {
         assert_eq!(counts(after), [(1, 1, 2), (2, 1, 2)]);
         let expected = [(map as u32, 1), (8, 2), (8, 3)];
         assert_eq!((&quickly[1..], &late[..]), (&expected[..], &expected[..]));
+    }
+
+    #[test]
+    fn who_reads_on_more_slowly_than_is_latched_misses_only_what_came_behind_the_first() {
+        let info = TopicInfo { topic: "/map".to_owned(), latching: true, ..TopicInfo::default() };
+        let publication = Publication::new(info, Duration::from_secs(60));
+        let size = 16 << 20;
+        let latch = |value| {
+            let bytes = frame(size, value);
+            publication.latch("/mapper", Share::Counted, &bytes);
+            publication.send(Share::Counted, &[&bytes], &mut || false).unwrap();
+        };
+        latch(1);
+        let (slow, reads_late) = connection();
+        reads_late.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
+        let begins = || reads_late.peek(&mut [0]).expect("another message");
+        let values = std::thread::scope(|scope| {
+            let welcomed = scope.spawn(|| publication.welcome("/player", &header("/slow"), slow));
+            next_frame(&reads_late).expect("a greeting");
+            begins();
+            latch(2);
+            let mut got = vec![next_frame(&reads_late).unwrap().1];
+            // Of what was latched meanwhile it has the first byte, and no more.
+            begins();
+            let played = scope.spawn(|| (3..6).for_each(latch));
+            got.extend((0..4).map(|_| next_frame(&reads_late).unwrap().1));
+            played.join().unwrap();
+            welcomed.join().unwrap().unwrap();
+            got
+        });
+        assert_eq!(values, [1, 2, 3, 4, 5]);
     }
 
     #[test]
