@@ -330,3 +330,16 @@ fn a_crash_is_the_reason_also_where_the_rosmaster_does_not_answer_any_more() {
     let then = "; then: which nodes were there during the case can't be known";
     assert!(abort.message.contains("SIGSEGV") && abort.message.contains(then), "{}", abort.message);
 }
+
+#[test]
+fn a_crash_that_the_job_allows_leaves_the_rosmaster_s_silence_the_reason() {
+    if without_ros() {
+        return;
+    }
+    let agent = Agent::start(1);
+    let Value::Map(mut case) = agent.case_with_rosmaster(SILENCES) else { panic!() };
+    case.retain(|(key, _)| key.as_str() != Some("faults"));
+    case.push(("faults".into(), map(&[("allow", strings(&["StackCrashed"]))])));
+    let abort = agent.run(0, Value::Map(case), &chatter(50)).abort();
+    assert_eq!(abort.reason, "RosMasterFailed", "{}", abort.message);
+}

@@ -148,7 +148,8 @@ impl Host for RosmasterHost<'_> {
             let Ended { exit_status, signal } = ended;
             return Abort { exit_status, signal, stderr, ..abort };
         }
-        let crashed = stack.as_ref().is_some_and(|stack| stack.crash().is_some());
+        let allowed = self.case.faults.allow.iter().any(|cause| cause == "StackCrashed");
+        let crashed = !allowed && stack.as_ref().is_some_and(|stack| stack.crash().is_some());
         if abort.reason.starts_with("RosMaster") && !crashed {
             return Abort { stderr, ..abort };
         }
