@@ -26,6 +26,7 @@ from tests.ros2_real.recordings import write_texts
 T = TypeVar("T")
 RUNS = 5
 SMALL, LARGE = 100_000, 300
+STEPS = 2000
 RATES = (10_000, 20_000, 80_000)
 # Nothing of it is a slot's, whose domains have the numbers of its ports.
 _DOMAIN = "101"
@@ -42,14 +43,20 @@ ros2 bag record -s mcap --disable-keyboard-controls -o $FOLDER/recorded --topics
 sleep 4; ros2 topic pub --once /in std_msgs/msg/String "{data: go}"
 sleep $SECONDS_OF_IT; kill -INT $recorder; wait $recorder; kill -INT $node; wait $node
 """
+_PING = """
+$PREFIX/lib/bagpipe_nodes/node single Passing & node=$!
+timeout 60 $PREFIX/lib/bagpipe_nodes/node single Pinging --ros-args $PARAMETERS
+kill -INT $node; wait $node
+"""
 
 
 @dataclass(frozen=True)
 class Delivery:
-    """What a node counted: messages, and seconds from the first to the last."""
+    """Messages that a node counted, seconds from the first to the last, and before the first."""
 
     messages: int
     seconds: float
+    before: float
 
     @property
     def rate(self) -> float:
@@ -99,10 +106,15 @@ def benches(rmw: str) -> Iterator[Bench]:
 
 
 def _reported(bench: Bench) -> Delivery:
+    messages, nanoseconds, before = _report(bench)
+    return Delivery(messages, nanoseconds / 1e9, before / 1e9)
+
+
+def _report(bench: Bench) -> list[int]:
     report = bench.folder / "report"
-    messages, nanoseconds = map(int, report.read_text().split())
+    numbers = [int(word) for word in report.read_text().split()]
     report.unlink()
-    return Delivery(messages, nanoseconds / 1e9)
+    return numbers
 
 
 def play_ours(bench: Bench) -> Delivery:
@@ -174,7 +186,10 @@ def plays(bench: Bench) -> list[Row]:
         lost = [[float(messages - one.messages) for one in side] for side in (ours, theirs)]
         rows.append(Row(case, "delivered", "msg/s", rates[0], "ros2 bag play", rates[1], target))
         rows.append(Row(case, "lost", "messages", lost[0], "ros2 bag play", lost[1]))
-        print(rows[-2:], flush=True)
+        # Their player waits for as long as it is asked to, and for nobody.
+        before = [one.before for one in ours]
+        rows.append(Row(case, "first message after the node's start", "s", before, "", []))
+        print(rows[-3:], flush=True)
     return rows
 
 
@@ -193,23 +208,31 @@ def records(bench: Bench) -> list[Row]:
     return rows
 
 
+def step_ours(bench: Bench) -> float:
+    """Microseconds of one, its proof included."""
+    steps = [{"trigger": "/in", "answer": "/out", "deadline": "20s"}]
+    job = bench.trial.spec(bench.node("Passing"), {"mode": "lockstep", "steps": steps})
+    row = bench.trial.run(job)
+    assert passed(row), row
+    return float(row["result"]["timings"]["play"]) / STEPS * 1e6
+
+
+def step_theirs(bench: Bench) -> float:
+    """The same of a node that does no more than publish when an answer has come."""
+    parameters = f"-p report:={bench.folder}/report -p rounds:={STEPS}"
+    output = bench.bash(_PING, PARAMETERS=parameters)
+    assert (bench.folder / "report").exists(), output
+    rounds, nanoseconds = _report(bench)
+    return nanoseconds / rounds / 1e3
+
+
 def steps(bench: Bench) -> list[Row]:
     """What a step of lock-step takes, the node's callback included."""
-    texts = ("x" * 1000 for _ in range(2000))
+    texts = ("x" * 1000 for _ in range(STEPS))
     write_texts(bench.folder / "recordings/drive.mcap", {"/in": texts})
-    job = bench.trial.spec(
-        bench.node("Passing"),
-        {
-            "mode": "lockstep",
-            "steps": [{"trigger": "/in", "answer": "/out", "deadline": "20s"}],
-        },
-    )
-    runs = []
-    for _ in range(RUNS):
-        row = bench.trial.run(job)
-        assert passed(row), row
-        runs.append(row["result"]["timings"]["play"] / 2000 * 1e6)
-    return [Row(f"{bench.trial.rmw}, lock-step 1 KB", "per step", "us", runs, "", [])]
+    ours, theirs = turns(lambda: step_ours(bench), lambda: step_theirs(bench))
+    case = f"{bench.trial.rmw}, lock-step 1 KB"
+    return [Row(case, "per step", "us", ours, "an rclcpp client that waits", theirs)]
 
 
 def versions(place: Place) -> dict[str, str]:

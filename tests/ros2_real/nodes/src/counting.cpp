@@ -1,5 +1,5 @@
 // Does nothing with each text of in but count it. At its end the file that the parameter names gets
-// the count, and the nanoseconds from the first to the last.
+// the count, and the nanoseconds from the first to the last, and from its start to the first.
 #include <chrono>
 #include <fstream>
 #include <string>
@@ -22,16 +22,18 @@ public:
       last_ = Clock::now();
       if (count_++ == 0) first_ = last_;
     });
+    ready_ = Clock::now();
   }
 
   ~Counting() override {
-    std::ofstream(report_) << count_ << " " << std::chrono::nanoseconds(last_ - first_).count();
+    const auto between = [](auto from, auto to) { return std::chrono::nanoseconds(to - from).count(); };
+    std::ofstream(report_) << count_ << " " << between(first_, last_) << " " << between(ready_, first_);
   }
 
 private:
   std::string report_;
   uint64_t count_ = 0;
-  Clock::time_point first_, last_;
+  Clock::time_point ready_, first_, last_;
   rclcpp::Subscription<String>::SharedPtr in_;
 };
 
