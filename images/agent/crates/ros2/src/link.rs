@@ -65,6 +65,8 @@ pub(crate) struct Subscriptions {
     /// Whether some of the others came after we had begun to count. What such a one publishes before
     /// it and a subscription know each other is never taken.
     late: AtomicBool,
+    /// Whether some of the others did not know all subscriptions when we began to count.
+    unmet: AtomicBool,
 }
 
 /// How far a node's subscriptions and the stack's own publishers of a topic were when we began to
@@ -77,6 +79,8 @@ pub(crate) struct Baseline {
     pub(crate) others: BTreeMap<EndpointId, u64>,
     /// Whether some of that may have been taken later: how much of what it takes is ours is not known.
     pub(crate) mixed: bool,
+    /// Whether a publisher that is there did not know all subscriptions yet.
+    pub(crate) unmet: bool,
 }
 
 /// Those that are there now.
@@ -149,7 +153,7 @@ impl Now {
 impl Subscriptions {
     /// Of the subscriptions of one node, counted from there.
     pub(crate) fn new(subscriptions: &[&Endpoint], baseline: Baseline) -> Option<Self> {
-        let Baseline { taken, others, mixed } = baseline;
+        let Baseline { taken, others, mixed, unmet } = baseline;
         Some(Subscriptions {
             process: subscriptions.first()?.process,
             now: RwLock::new(Now {
@@ -166,6 +170,7 @@ impl Subscriptions {
             others: RwLock::new(others),
             mixed: AtomicBool::new(mixed),
             late: AtomicBool::new(false),
+            unmet: AtomicBool::new(unmet),
         })
     }
 
@@ -176,6 +181,7 @@ impl Subscriptions {
         *self.others.write().unwrap_or_else(PoisonError::into_inner) = baseline.others;
         self.mixed.store(baseline.mixed, Ordering::Relaxed);
         self.late.store(false, Ordering::Relaxed);
+        self.unmet.store(baseline.unmet, Ordering::Relaxed);
     }
 
     /// Whether these are still all that there are.
@@ -333,9 +339,12 @@ impl Link {
         self.counted.as_ref().is_some_and(|one| one.late.load(Ordering::Relaxed))
     }
 
-    /// Whether what seems to be lost of ours may be what somebody published who came late.
+    /// Whether what seems to be lost of ours may be what somebody published who came late, or did not
+    /// know the node yet.
     pub(crate) fn may_lack_another_s(&self, ledger: &Ledger) -> Result<bool, LedgerError> {
-        Ok(self.is_beside_late() && self.taken(ledger)?.is_some_and(|taken| taken < self.sent()))
+        let Some(counted) = &self.counted else { return Ok(false) };
+        let may = self.is_beside_late() || counted.unmet.load(Ordering::Relaxed);
+        Ok(may && self.taken(ledger)?.is_some_and(|taken| taken < self.sent()))
     }
 
     /// Messages that each of its subscriptions has taken, whoever published them.

@@ -431,6 +431,24 @@ fn where_another_reaches_one_of_a_node_s_subscriptions_nothing_is_proved() {
 }
 
 #[test]
+fn what_another_loses_that_did_not_know_the_node_yet_is_no_loss_of_ours() {
+    let scene = Scene::new();
+    let _lane = start_lane(&scene, "5000", &[]);
+    // It publishes for the first time when the play has begun, and nothing of that comes to anybody.
+    let late = ["--burst", "0", "--every-us", "1500000", "--meets-late-ms", "20000"];
+    let _other = start_other(&scene, &late);
+    eventually(|| {
+        let all = scene.ledger.endpoints().unwrap();
+        all.iter().any(|one| one.node == "/other" && one.matched.is_some())
+    });
+    let ask = Ask { mode: Mode::Realtime, drain: Duration::from_secs(1), ..DEFAULT };
+    let ledger = scene.play(&recording_of(&strings(RELIABLE), 3000, 60), &ask).unwrap().ledger;
+    assert_eq!((ledger.sent, ledger.strength), (3000, Some(Strength::Sent)));
+    assert!(counts(&scene, Kind::Publisher, "/other", "/in").offered > 0);
+    assert_eq!(counts(&scene, Kind::Subscription, "/lane", "/in").taken, 3000);
+}
+
+#[test]
 fn nor_is_a_node_at_fault_beside_one_that_comes_late_and_falls_silent() {
     let scene = Scene::new();
     let _lane = start_lane(&scene, "1000", &["--delay-us", "3000"]);

@@ -109,8 +109,9 @@ impl Graph {
             }));
             remarks.extend(topic.beside_late().into_iter().map(|node| {
                 format!(
-                    "the stack began to publish {} too when {node} was counted already, and what of \
-                     that has not reached it is not known, so that what it got of ours can't be known",
+                    "the stack began to publish {} too when {node} was counted already, or before \
+                     it knew that, and what of that has not reached it is not known, so that what it \
+                     got of ours can't be known",
                     topic.info().topic
                 )
             }));

@@ -146,6 +146,7 @@ pub(super) fn stand(
         taken: taken.into_iter().map(|(id, taken, _)| (id, taken)).collect(),
         others: after.into_iter().map(|(id, (offered, ..))| (id, offered)).collect(),
         mixed: false,
+        unmet: false,
     };
     Ok((baseline, stand))
 }

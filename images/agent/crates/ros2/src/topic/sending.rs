@@ -246,12 +246,12 @@ impl Outlet for Topic {
         if window > 0 || self.means.paced_by == PacedBy::Schedule {
             return Ok(());
         }
-        let mut taken_since = None;
+        let mut taken_since = BTreeMap::new();
         let done = |link: &Link, ledger: &Ledger| {
             if link.waiting(ledger)? > 0 {
                 return Ok(false);
             }
-            let since = *taken_since.get_or_insert_with(Instant::now);
+            let since = *taken_since.entry(link.id()).or_insert_with(Instant::now);
             let gives_up = !link.reports_calls() && since.elapsed() >= COMES_BACK;
             Ok(link.in_hand(ledger)? == 0 || gives_up)
         };

@@ -158,6 +158,7 @@ impl Topic {
         let mut publishers = self.publishers(&look.endpoints);
         publishers.retain(|from| subscriptions.iter().any(|to| reaches(&from.qos, &to.qos)));
         let (found, stand) = stand(&self.means.ledger, look, subscriptions, &publishers)?;
+        let found = Baseline { unmet: self.is_unmet(subscriptions, look), ..found };
         if begun {
             let taken = found.taken.into_iter().map(|(id, _)| (id, 0)).collect();
             let mixed = found.others.values().any(|published| *published > 0);
@@ -166,6 +167,19 @@ impl Topic {
         let mut backlogs = self.backlogs();
         let backlog = backlogs.entry(owner.clone()).or_default();
         Ok(Baseline { mixed: !backlog.look(now, stand), ..found })
+    }
+
+    /// Whether a publisher that reaches some of these knows fewer subscriptions than it reaches, by its own
+    /// report.
+    fn is_unmet(&self, subscriptions: &[&Endpoint], look: &Look) -> bool {
+        let reaches = |from: &Endpoint, to: &Endpoint| reaches(&from.qos, &to.qos);
+        let mut publishers = look.there(Kind::Publisher, &self.info.topic);
+        publishers.any(|from| {
+            let there = look.there(Kind::Subscription, &self.info.topic);
+            let reached = there.filter(|to| reaches(from, to)).count();
+            from.matched.is_some_and(|known| (known as usize) < reached)
+                && subscriptions.iter().any(|to| reaches(from, to))
+        })
     }
 
     /// Whether a node is still waited for that may have messages of the stack's own to take.
@@ -263,7 +277,8 @@ impl Topic {
             true => since.elapsed() >= RENEWED,
             false => subscriptions.iter().all(reported),
         };
-        if know_us && !waits && known_to_us() == there as u64 {
+        let unmet = !known && self.is_unmet(subscriptions, look);
+        if know_us && !waits && !unmet && known_to_us() == there as u64 {
             strangers.remove(owner);
             return true;
         }
