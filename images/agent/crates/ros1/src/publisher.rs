@@ -54,6 +54,10 @@ impl Links {
         new.map(|(publisher, latched)| (publisher.clone(), latched.clone())).collect()
     }
 
+    fn open(&self) -> impl Iterator<Item = &Link> {
+        self.all.iter().filter(|link| link.state.open)
+    }
+
     fn add(&mut self, mut link: Link) {
         link.state.id = self.all.len() as u64 + 1;
         self.all.push(link);
@@ -77,8 +81,15 @@ impl Publication {
     /// on this machine.
     fn unread(&self) -> u64 {
         let links = lock(&self.links);
-        let open = links.all.iter().filter(|link| link.state.open);
-        open.map(Link::unread).max().unwrap_or(0)
+        links.open().map(Link::unread).max().unwrap_or(0)
+    }
+
+    /// The node that has read the least, if one is there still.
+    fn slowest(&self) -> Option<String> {
+        // Marks those that have left, who have nothing more to read.
+        self.subscribers();
+        let links = lock(&self.links);
+        links.open().max_by_key(|link| link.unread()).map(|link| link.state.node.clone())
     }
 
     /// Answers a subscriber's header and takes it in once it has read what is latched, so that no
@@ -228,10 +239,7 @@ impl Outlet for Publication {
             }
             let waited = progress.elapsed();
             if waited >= self.stall {
-                // Whoever has left since has nothing more to read.
-                let links = self.subscribers();
-                let open = links.into_iter().find(|link| link.open);
-                let Some(LinkState { node, .. }) = open else { return Ok(()) };
+                let Some(node) = self.slowest() else { return Ok(()) };
                 return Err(SendError::Stalled { node, topic: self.info.topic.clone(), waited });
             }
             if cancelled() {
@@ -432,6 +440,23 @@ mod tests {
             got
         });
         assert_eq!(values, [1, 2, 3, 4, 5]);
+    }
+
+    #[test]
+    fn who_has_read_everything_is_not_who_has_stopped() {
+        let info = TopicInfo { topic: "/map".to_owned(), ..TopicInfo::default() };
+        let publication = Publication::new(info, Duration::from_millis(100));
+        let (quick, reads_at_once) = connection();
+        let (slow, reads_nothing) = connection();
+        publication.welcome("/player", &header("/quick"), quick).unwrap();
+        publication.welcome("/player", &header("/slow"), slow).unwrap();
+        publication.send(Share::Counted, &[&frame(1000, 1)], &mut || false).unwrap();
+        let greeting = next_frame(&reads_at_once);
+        assert_eq!((greeting.is_some(), next_frame(&reads_at_once)), (true, Some((1000, 1))));
+        let why = publication.await_unread(0, &mut || false).unwrap_err();
+        let SendError::Stalled { node, .. } = why else { panic!("{why:?}") };
+        assert_eq!(node, "/slow");
+        drop(reads_nothing);
     }
 
     #[test]
