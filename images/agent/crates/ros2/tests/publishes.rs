@@ -525,3 +525,29 @@ fn who_has_stopped_is_named_though_others_take_what_another_publishes() {
         assert!(why.contains(name), "{sleeper:?} {mode:?} {other}: {why}");
     }
 }
+
+#[test]
+fn who_has_stopped_is_named_though_another_comes_and_goes() {
+    let scene = Scene::new();
+    let queue = "/in:std_msgs/msg/String:10:reliable";
+    let sleeper = ["--name", "/sleeper", "--sub", queue, "--delay-us", "3000"];
+    let sleeper = scene.start("standin_node", &sleeper);
+    let ask = Ask { mode: Mode::Max, drain: Duration::from_secs(4), ..DEFAULT };
+    let over = AtomicBool::new(false);
+    let why = std::thread::scope(|scope| {
+        scope.spawn(|| {
+            eventually(|| counts(&scene, Kind::Subscription, "/sleeper", "/in").taken > 20);
+            sleeper.signal("STOP");
+            while !over.load(SeqCst) {
+                // More often than is waited for who has stopped.
+                let _comes = scene.start("standin_node", &["--name", "/comes", "--sub", queue]);
+                std::thread::sleep(Duration::from_secs(3));
+            }
+        });
+        let played = recording_of(&strings(RELIABLE), 1000, 60);
+        let replayed = scene.play(&played, &ask).map(|replayed| replayed.ledger);
+        over.store(true, SeqCst);
+        replayed.unwrap_err().to_string()
+    });
+    assert!(why.contains("the node /sleeper has taken nothing"), "{why}");
+}
