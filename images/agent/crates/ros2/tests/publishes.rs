@@ -130,6 +130,20 @@ fn nor_does_it_make_room_in_a_queue_that_has_none() {
     assert_eq!(behind_others(10, "50000", Mode::Max), (0, 0));
 }
 
+#[test]
+fn nor_is_a_loss_hidden_by_what_a_publisher_keeps_for_the_node_and_that_is_on_its_way() {
+    let scene = Scene::new();
+    let queue = "/in:std_msgs/msg/String:10:reliable:transient_local";
+    let keeps = ["--name", "/other", "--pub", queue, "--burst", "10", "--meets-late-ms", "60000"];
+    let _other = scene.start("standin_node", &keeps);
+    scene.await_published("/in", 10);
+    let lane = ["--name", "/lane", "--relay", "/in=/out", "--sub", queue];
+    let _lane = scene.start("standin_node", &[&lane[..], &OUT].concat());
+    let ask = Ask { mode: Mode::Max, ..DEFAULT };
+    let ledger = scene.play(&recording_of(&strings(LATCHED), 50, 60), &ask).unwrap().ledger;
+    assert_eq!((ledger.sent, ledger.strength), (50, Some(Strength::Sent)));
+}
+
 /// Plays messages to a node that is at other work for so long when it is given as many of another's as
 /// its queue holds, of which it was seen to be empty before. How many were lost by then, by all that it
 /// has taken; and what was reported.

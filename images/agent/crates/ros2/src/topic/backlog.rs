@@ -4,10 +4,13 @@
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-use bagpipe_ros2ledger::{Counts, Endpoint, EndpointId, Ledger, LedgerError};
+use bagpipe_ros2ledger::{
+    Counts, Durability, Endpoint, EndpointId, History, Ledger, LedgerError, Qos,
+};
 
 use super::look::Look;
 use crate::link::Baseline;
+use crate::qos::reaches;
 use crate::stillness::counted;
 
 /// How long a published message may be on its way to a queue.
@@ -103,6 +106,19 @@ impl Backlog {
 /// What a publisher has offered, when it last returned from that, and whether nothing is under way.
 type Offered = (u64, Duration, bool);
 
+/// Messages that a subscription must have been given at least of publishers that are there, each with what it
+/// has published: who comes late is given what they keep, which may be on its way for long.
+fn kept<'q>(wanted: &Qos, publishers: impl Iterator<Item = (&'q Qos, u64)>) -> u64 {
+    let depth = |qos: &Qos| match qos.history {
+        History::KeepLast => qos.depth,
+        History::KeepAll | History::Other(_) => u64::MAX,
+    };
+    let keeps = |qos: &Qos| qos.durability == Durability::TransientLocal;
+    let each = publishers.filter(|(qos, _)| keeps(qos) && keeps(wanted) && reaches(qos, wanted));
+    let all = each.fold(0_u64, |all, (qos, offered)| all.saturating_add(offered.min(depth(qos))));
+    all.min(depth(wanted))
+}
+
 /// When nothing was left for a subscription to take, if nothing was taken since, or published, which was
 /// so far for the last time at the other moment.
 fn rest(counts: &Counts, published: Duration) -> Option<Duration> {
@@ -131,7 +147,10 @@ pub(super) fn stand(
     let mut taken = Vec::new();
     for one in subscriptions {
         let counts = ledger.counts(one.id)?;
-        taken.push((one.id, counts.taken, rest(&counts, last)));
+        let there = publishers.iter().filter(|from| is_there(look, from));
+        let offered = there.map(|from| (&from.qos, before.get(&from.id).map_or(0, |all| all.0)));
+        let has_kept = counts.taken >= kept(&one.qos, offered);
+        taken.push((one.id, counts.taken, rest(&counts, last).filter(|_| has_kept)));
     }
     let after = offered()?;
     let still = before == after
@@ -151,8 +170,15 @@ pub(super) fn stand(
     Ok((baseline, stand))
 }
 
+/// Whether somebody may still publish, or give what was published.
+fn is_there(look: &Look, endpoint: &Endpoint) -> bool {
+    !endpoint.destroyed && look.running.contains(&endpoint.process)
+}
+
 #[cfg(test)]
 mod tests {
+    use bagpipe_ros2ledger::Reliability;
+
     use super::*;
 
     const MS: Duration = Duration::from_millis(1);
@@ -170,6 +196,25 @@ mod tests {
         assert_eq!(at(9, 3, Some(3)), None);
         assert_eq!(at(7, 4, Some(3)), None);
         assert_eq!(at(7, 0, None), None);
+    }
+
+    #[test]
+    fn who_comes_late_is_given_what_its_queue_holds_of_what_is_kept() {
+        let qos = |history, depth, durability| {
+            let reliability = Reliability::Reliable;
+            Qos { history, depth, reliability, durability }
+        };
+        let latched = |depth| qos(History::KeepLast, depth, Durability::TransientLocal);
+        let volatile = qos(History::KeepLast, 100, Durability::Volatile);
+        let all = qos(History::KeepAll, 0, Durability::TransientLocal);
+        let of = |wanted: &Qos, from: &[(Qos, u64)]| {
+            kept(wanted, from.iter().map(|(qos, offered)| (qos, *offered)))
+        };
+        assert_eq!(of(&latched(100), &[(latched(10), 7), (latched(10), 30)]), 17);
+        assert_eq!(of(&latched(12), &[(latched(10), 7), (latched(10), 30)]), 12);
+        assert_eq!(of(&all, &[(all, 1000), (latched(1), 3), (volatile, 50)]), 1001);
+        assert_eq!(of(&volatile, &[(latched(10), 30)]), 0);
+        assert_eq!(of(&all, &[]), 0);
     }
 
     /// Of one subscription, which was at rest so many milliseconds after a boot, if it was.
