@@ -94,7 +94,7 @@ impl Publication {
 
     /// Answers a subscriber's header and takes it in once it has read what is latched, so that no
     /// message overtakes that. The play does not wait until it has read what was latched when it came; from
-    /// then on it does, so that it misses no more.
+    /// then on it does, so that it misses no more, and no longer than `stall`.
     pub(crate) fn welcome(
         &self,
         node_name: &str,
@@ -123,16 +123,23 @@ impl Publication {
         };
         let mut link = Link { state, stream };
         let first = lock(&self.links).latched_beyond(&Latched::new());
-        self.send_latched(&mut link, &first)?;
+        self.send_latched(&mut link, &first, &mut || false)?;
         let mut links = lock(&self.links);
-        self.send_latched(&mut link, &links.latched_beyond(&first))?;
+        let begun = Instant::now();
+        let mut late = || begun.elapsed() >= self.stall;
+        self.send_latched(&mut link, &links.latched_beyond(&first), &mut late)?;
         links.add(link);
         Ok(())
     }
 
-    fn send_latched(&self, link: &mut Link, latched: &Latched) -> Result<(), String> {
+    fn send_latched(
+        &self,
+        link: &mut Link,
+        latched: &Latched,
+        cancelled: Cancelled<'_>,
+    ) -> Result<(), String> {
         for (share, frame) in latched.values() {
-            self.send_to(link, *share, &[frame], &mut || false)
+            self.send_to(link, *share, &[frame], cancelled)
                 .map_err(|_| "it did not read the latched messages".to_owned())?;
         }
         Ok(())
@@ -440,6 +447,31 @@ mod tests {
             got
         });
         assert_eq!(values, [1, 2, 3, 4, 5]);
+    }
+
+    #[test]
+    fn who_reads_what_came_behind_the_first_in_drops_is_waited_for_no_longer_than_who_stops() {
+        let info = TopicInfo { topic: "/map".to_owned(), latching: true, ..TopicInfo::default() };
+        let publication = Publication::new(info, Duration::from_millis(500));
+        let latch = |value| publication.latch("/mapper", Share::Counted, &frame(64 << 20, value));
+        latch(1);
+        let (slow, mut reads_late) = connection();
+        reads_late.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
+        let welcomed = std::thread::scope(|scope| {
+            let welcomed = scope.spawn(|| publication.welcome("/player", &header("/slow"), slow));
+            next_frame(&reads_late).expect("a greeting");
+            reads_late.peek(&mut [0]).expect("the first message");
+            latch(2);
+            assert_eq!(next_frame(&reads_late), Some((64 << 20, 1)));
+            let mut bytes = vec![0; 64 << 10];
+            // Five seconds for all of it, and none without a byte.
+            while reads_late.read(&mut bytes).is_ok_and(|read| read > 0) {
+                std::thread::sleep(Duration::from_millis(5));
+            }
+            welcomed.join().unwrap()
+        });
+        assert_eq!(welcomed.unwrap_err(), "it did not read the latched messages");
+        assert!(publication.subscribers().is_empty());
     }
 
     #[test]

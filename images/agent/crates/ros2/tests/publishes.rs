@@ -449,7 +449,7 @@ fn what_another_loses_that_did_not_know_the_node_yet_is_no_loss_of_ours() {
     let scene = Scene::new();
     let _lane = start_lane(&scene, "5000", &[]);
     // It publishes for the first time when the play has begun, and nothing of that comes to anybody.
-    let late = ["--burst", "0", "--every-us", "1500000", "--meets-late-ms", "20000"];
+    let late = ["--burst", "0", "--every-us", "1500000", "--meets-late-ms", "600000"];
     let _other = start_other(&scene, &late);
     eventually(|| {
         let all = scene.ledger.endpoints().unwrap();
@@ -564,4 +564,75 @@ fn who_has_stopped_is_named_though_another_comes_and_goes() {
         replayed.unwrap_err().to_string()
     });
     assert!(why.contains("the node /sleeper has taken nothing"), "{why}");
+}
+
+#[test]
+fn a_node_keeps_its_line_where_somebody_comes_who_publishes_just_before_the_first_message() {
+    let scene = Scene::new();
+    let lossy = ["--name", "/lossy", "--delay-us", "20000"];
+    let lossy = [&lossy[..], &["--sub", "/in:sensor_msgs/msg/Imu:1:reliable"]].concat();
+    let _lossy = scene.start("standin_node", &lossy);
+    let fine = ["--name", "/fine", "--relay", "/two=/out"];
+    let fine = [&fine[..], &["--sub", "/two:sensor_msgs/msg/Imu:1000:reliable"], &OUT].concat();
+    let _fine = scene.start("standin_node", &fine);
+    let mut other = None;
+    let mut seen = |progress: Progress| {
+        if progress.stage == Stage::Play && other.is_none() {
+            let words = ["--name", "/other", "--pub", "/in:sensor_msgs/msg/Imu:10:reliable"];
+            let words = [&words[..], &["--burst", "0"]].concat();
+            other = Some(scene.start("standin_node", &words));
+            eventually(|| {
+                let all = scene.ledger.endpoints().unwrap();
+                all.iter().any(|one| one.node == "/other" && one.kind == Kind::Publisher)
+            });
+        }
+    };
+    let ask = Ask { mode: Mode::Realtime, drain: Duration::from_secs(1), ..DEFAULT };
+    let recording = recording(&["/in", "/two"], 200, 60);
+    let ledger = scene.play_while(&recording, &ask, &mut seen).unwrap().ledger;
+    let line = &ledger.topics[0].subscribers[0];
+    assert_eq!((ledger.sent, line.node.as_str()), (200, "/lossy"), "{ledger:?}");
+    let lost = 100 - counts(&scene, Kind::Subscription, "/lossy", "/in").taken;
+    assert!(line.strength == Strength::Sent || line.dropped == lost, "{lost}: {ledger:?}");
+}
+
+#[test]
+fn the_play_begins_though_publishers_of_the_stack_come_and_go() {
+    let scene = Scene::new();
+    let _lane = start_lane(&scene, "100", &[]);
+    let over = AtomicBool::new(false);
+    let replayed = std::thread::scope(|scope| {
+        scope.spawn(|| {
+            while !over.load(SeqCst) {
+                // It publishes before it knows anybody.
+                let _comes = start_other(&scene, &["--burst", "5"]);
+                std::thread::sleep(Duration::from_millis(300));
+            }
+        });
+        let ask = Ask { mode: Mode::Max, drain: Duration::from_secs(1), ..DEFAULT };
+        let replayed = scene.play(&recording_of(&strings(RELIABLE), 900, 60), &ask);
+        over.store(true, SeqCst);
+        replayed.map(|replayed| replayed.ledger)
+    });
+    let ledger = replayed.unwrap();
+    let whole = (ledger.received, ledger.dropped) == (900, 0);
+    assert!(whole || ledger.strength == Some(Strength::Sent), "{ledger:?}");
+}
+
+#[test]
+fn who_asks_for_more_than_is_offered_is_not_waited_for() {
+    let scene = Scene::new();
+    let _lane = start_lane(&scene, "10", &["--delay-us", "1000"]);
+    let wants = "/in:std_msgs/msg/String:10:reliable:transient_local";
+    let _odd = scene.start("standin_node", &["--name", "/odd", "--sub", wants]);
+    scene.await_subscriptions(2);
+    let ask = Ask { mode: Mode::Max, drain: Duration::from_secs(1), ..DEFAULT };
+    let played = recording_of(&strings(RELIABLE), 3000, 60);
+    let ledger = scene.play(&played, &ask).map(|replayed| replayed.ledger).unwrap();
+    assert_eq!(
+        (ledger.received, ledger.dropped, ledger.strength),
+        (3000, 0, Some(Strength::Called))
+    );
+    let lines: Vec<&String> = ledger.topics[0].subscribers.iter().map(|one| &one.node).collect();
+    assert_eq!(lines, ["/lane"]);
 }

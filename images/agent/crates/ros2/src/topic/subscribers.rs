@@ -13,7 +13,7 @@ use super::backlog::{Backlog, stand};
 use super::look::{Look, Owner};
 use super::sending::failed;
 use crate::link::{Baseline, Link, Subscriptions, Totals};
-use crate::qos::reaches;
+use crate::qos::{incompatible, reaches};
 use crate::stillness::counted;
 
 /// A subscription whose process has not reported for so long whom it knows is believed to know us.
@@ -59,13 +59,12 @@ impl Topic {
         let now = self.sent().totals;
         let missed = now.since(*looked);
         *looked = now;
-        let nodes = look.subscriptions(&self.info.topic);
+        let mut nodes = look.subscriptions(&self.info.topic);
+        // Who asks for more than we offer gets nothing, and has nothing to be waited for.
+        nodes.retain(|_, subscriptions| subscriptions.iter().any(|one| self.reaches(one)));
         self.learn_publishers(&look.endpoints);
         self.strangers().retain(|owner, _| nodes.contains_key(owner));
         let mut links = Vec::clone(&self.links());
-        if now.messages() == 0 {
-            links.retain(|link| !self.counts_again(link));
-        }
         for link in &links {
             let Some(counted) = &link.counted else { continue };
             let owner = (counted.process, link.node.clone());
@@ -98,15 +97,6 @@ impl Topic {
         Ok(())
     }
 
-    /// Before the play: whether a node is to be counted again, as somebody has come who publishes the
-    /// topic too. That one's first messages may have reached nobody.
-    fn counts_again(&self, link: &Link) -> bool {
-        if let Some(counted) = link.counted.as_ref().filter(|_| link.is_beside_late()) {
-            self.backlogs().remove(&(counted.process, link.node.clone()));
-        }
-        link.is_beside_late()
-    }
-
     /// A node subscribes: if it is new, or has come back, it has a link from now on, or from when it
     /// knows us. By the clock nobody waits for that once the play has begun: `missed` went out since
     /// the last look.
@@ -120,13 +110,7 @@ impl Topic {
         let known = links.iter().rev().find(|link| link.is_of(owner)).cloned();
         let begun = self.sent().totals.messages() > 0;
         if let Some(link) = known.as_ref().filter(|link| link.is_open()) {
-            if link.is_mixed() && !begun {
-                let baseline = self.baseline(owner, subscriptions, look, begun)?;
-                if !baseline.mixed {
-                    link.count_from(baseline);
-                }
-            }
-            return Ok(());
+            return if begun { Ok(()) } else { self.count_again(link, owner, subscriptions, look) };
         }
         let at_once = begun && self.means.paced_by == PacedBy::Schedule;
         let baseline = self.baseline(owner, subscriptions, look, begun)?;
@@ -142,6 +126,31 @@ impl Topic {
         let counted = Subscriptions::new(subscriptions, baseline);
         let name = self.named(links, &owner.1);
         links.push(self.link(name, counted, missed));
+        Ok(())
+    }
+
+    /// Before the play: a node that may have messages of the stack's own to take, or beside which somebody
+    /// has come who publishes the topic too, is counted from where it has none and all know each other.
+    /// Until then it keeps its link, and at the subscribers' pace the play waits.
+    fn count_again(
+        &self,
+        link: &Link,
+        owner: &Owner,
+        subscriptions: &[&Endpoint],
+        look: &Look,
+    ) -> Result<(), LedgerError> {
+        let late = link.is_beside_late();
+        if !late && !link.is_mixed() {
+            return Ok(());
+        }
+        if late && !self.strangers().contains_key(owner) {
+            self.backlogs().remove(owner);
+        }
+        let baseline = self.baseline(owner, subscriptions, look, false)?;
+        let mixed = baseline.mixed;
+        if !late && !mixed || late && self.knows_us(owner, subscriptions, look, (false, mixed)) {
+            link.count_from(baseline);
+        }
         Ok(())
     }
 
@@ -167,6 +176,11 @@ impl Topic {
         let mut backlogs = self.backlogs();
         let backlog = backlogs.entry(owner.clone()).or_default();
         Ok(Baseline { mixed: !backlog.look(now, stand), ..found })
+    }
+
+    /// Whether a subscription may receive what is played.
+    fn reaches(&self, subscription: &Endpoint) -> bool {
+        incompatible(&self.qos, &subscription.qos).is_none()
     }
 
     /// Whether a publisher that reaches some of these knows fewer subscriptions than it reaches, by its own
@@ -262,7 +276,8 @@ impl Topic {
         look: &Look,
         (known, waits): (bool, bool),
     ) -> bool {
-        let there = look.there(Kind::Subscription, &self.info.topic).count();
+        let there = look.there(Kind::Subscription, &self.info.topic);
+        let there = there.filter(|one| self.reaches(one)).count();
         let there = there + self.links().iter().filter(|link| link.is_uncounted()).count();
         let others = |one: &Endpoint| {
             let there = look.there(Kind::Publisher, &self.info.topic);
