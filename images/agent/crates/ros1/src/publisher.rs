@@ -452,21 +452,23 @@ mod tests {
     #[test]
     fn who_reads_what_came_behind_the_first_in_drops_is_waited_for_no_longer_than_who_stops() {
         let info = TopicInfo { topic: "/map".to_owned(), latching: true, ..TopicInfo::default() };
-        let publication = Publication::new(info, Duration::from_millis(500));
-        let latch = |value| publication.latch("/mapper", Share::Counted, &frame(64 << 20, value));
-        latch(1);
+        let publication = Publication::new(info, Duration::from_secs(2));
+        let (size, read_at_once) = (32 << 20, 64 << 10);
+        let second = frame(size, 2);
+        publication.latch("/mapper", Share::Counted, &frame(size, 1));
         let (slow, mut reads_late) = connection();
         reads_late.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
         let welcomed = std::thread::scope(|scope| {
             let welcomed = scope.spawn(|| publication.welcome("/player", &header("/slow"), slow));
             next_frame(&reads_late).expect("a greeting");
             reads_late.peek(&mut [0]).expect("the first message");
-            latch(2);
-            assert_eq!(next_frame(&reads_late), Some((64 << 20, 1)));
-            let mut bytes = vec![0; 64 << 10];
-            // Five seconds for all of it, and none without a byte.
-            while reads_late.read(&mut bytes).is_ok_and(|read| read > 0) {
-                std::thread::sleep(Duration::from_millis(5));
+            publication.latch("/mapper", Share::Counted, &second);
+            assert_eq!(next_frame(&reads_late), Some((size as u32, 1)));
+            let mut bytes = vec![0; read_at_once];
+            // Ten seconds for all of it, and none without a byte.
+            while !welcomed.is_finished() && reads_late.read(&mut bytes).is_ok_and(|read| read > 0)
+            {
+                std::thread::sleep(Duration::from_millis(20));
             }
             welcomed.join().unwrap()
         });
