@@ -104,28 +104,29 @@ fn profile_yaml(qos: &ledger::Qos) -> String {
     )
 }
 
-/// Why a subscription can't receive what is offered; `None` if it can.
+/// Why a subscription can't receive what is played; `None` if it can.
 pub(crate) fn incompatible(offered: &Qos, wanted: &ledger::Qos) -> Option<&'static str> {
-    let reliable = wanted.reliability == ledger::Reliability::Reliable;
-    let latched = wanted.durability == ledger::Durability::TransientLocal;
-    if reliable && offered.reliability == Reliability::BestEffort {
+    let best_effort = offered.reliability == Reliability::BestEffort;
+    lacking((best_effort, offered.durability == Durability::Volatile), wanted)
+}
+
+/// Whether a subscription may receive what a publisher of the stack offers.
+pub(crate) fn reaches(offered: &ledger::Qos, wanted: &ledger::Qos) -> bool {
+    let best_effort = offered.reliability == ledger::Reliability::BestEffort;
+    lacking((best_effort, offered.durability == ledger::Durability::Volatile), wanted).is_none()
+}
+
+/// What a subscription asks for that what is offered lacks.
+fn lacking((best_effort, volatile): (bool, bool), wanted: &ledger::Qos) -> Option<&'static str> {
+    if best_effort && wanted.reliability == ledger::Reliability::Reliable {
         Some("it wants reliable messages, and they are played as best effort")
-    } else if latched && offered.durability == Durability::Volatile {
+    } else if volatile && wanted.durability == ledger::Durability::TransientLocal {
         Some(
             "it wants what was published before it came (transient local), and they are played as volatile",
         )
     } else {
         None
     }
-}
-
-/// Whether a subscription may receive what a publisher of the stack offers.
-pub(crate) fn reaches(offered: &ledger::Qos, wanted: &ledger::Qos) -> bool {
-    let unreliable = wanted.reliability == ledger::Reliability::Reliable
-        && offered.reliability == ledger::Reliability::BestEffort;
-    let unlatched = wanted.durability == ledger::Durability::TransientLocal
-        && offered.durability == ledger::Durability::Volatile;
-    !unreliable && !unlatched
 }
 
 /// Why a recorder that is there already gets nothing of a publisher; `None` if it does.

@@ -65,9 +65,8 @@ fn start_other(scene: &Scene, more: &[&str]) -> Node {
 /// much later than the message goes out.
 fn beside_another(scene: &Scene, late: &str, burst: &str, plays: usize) -> Vec<Replayed> {
     let _lane = start_lane(scene, "1000", &[]);
-    let other = ["--name", "/other", "--pub", "/in:std_msgs/msg/String:1000:reliable"];
     let paces = ["--every-us", "10000", "--burst", burst, "--returns-late-us", late];
-    let _other = scene.start("standin_node", &[&other[..], &paces].concat());
+    let _other = start_other(scene, &paces);
     scene.await_offered("/in", 1);
     let ask = Ask { mode: Mode::Max, ..DEFAULT };
     let played = recording_of(&strings(RELIABLE), 50, 60);
@@ -362,10 +361,8 @@ fn what_one_who_came_late_published_before_it_was_known_is_no_loss_of_ours() {
     let mut other = None;
     let mut seen = |progress: Progress| {
         if progress.stage == Stage::Play && other.is_none() {
-            let queue = "/in:std_msgs/msg/String:1000:reliable";
             // It publishes before it knows anybody.
-            let words = ["--name", "/other", "--pub", queue, "--every-us", "1000"];
-            other = Some(scene.start("standin_node", &words));
+            other = Some(start_other(&scene, &["--every-us", "1000"]));
         }
     };
     for mode in [Mode::Lockstep, Mode::Realtime] {

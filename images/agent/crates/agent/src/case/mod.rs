@@ -60,6 +60,13 @@ pub struct Faults {
     pub allow: Vec<String>,
 }
 
+impl Faults {
+    /// Whether a cause ends nothing.
+    pub fn allows(&self, cause: &str) -> bool {
+        self.allow.iter().any(|allowed| allowed == cause)
+    }
+}
+
 /// A simulator at the worker's end of the pipe.
 #[derive(Debug, Clone, Deserialize, Serialize)]
 pub struct Simulator {

@@ -147,7 +147,7 @@ pub(super) fn stand(
     let mut taken = Vec::new();
     for one in subscriptions {
         let counts = ledger.counts(one.id)?;
-        let there = publishers.iter().filter(|from| is_there(look, from));
+        let there = publishers.iter().filter(|from| look.is_there(from));
         let offered = there.map(|from| (&from.qos, before.get(&from.id).map_or(0, |all| all.0)));
         let has_kept = counts.taken >= kept(&one.qos, offered);
         taken.push((one.id, counts.taken, rest(&counts, last).filter(|_| has_kept)));
@@ -168,11 +168,6 @@ pub(super) fn stand(
         unmet: false,
     };
     Ok((baseline, stand))
-}
-
-/// Whether somebody may still publish, or give what was published.
-fn is_there(look: &Look, endpoint: &Endpoint) -> bool {
-    !endpoint.destroyed && look.running.contains(&endpoint.process)
 }
 
 #[cfg(test)]

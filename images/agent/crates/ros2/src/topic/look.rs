@@ -38,7 +38,12 @@ impl Look {
         kind: Kind,
         topic: &str,
     ) -> impl Iterator<Item = &'l Endpoint> {
-        let all = self.endpoints.iter().filter(move |one| one.kind == kind && !one.destroyed);
-        all.filter(move |one| one.topic == topic && self.running.contains(&one.process))
+        let all = self.endpoints.iter().filter(move |one| one.kind == kind && one.topic == topic);
+        all.filter(|one| self.is_there(one))
+    }
+
+    /// Whether an endpoint may still publish or take, or give what was published.
+    pub(super) fn is_there(&self, endpoint: &Endpoint) -> bool {
+        !endpoint.destroyed && self.running.contains(&endpoint.process)
     }
 }

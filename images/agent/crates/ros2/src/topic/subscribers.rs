@@ -147,8 +147,11 @@ impl Topic {
             self.backlogs().remove(owner);
         }
         let baseline = self.baseline(owner, subscriptions, look, false)?;
-        let mixed = baseline.mixed;
-        if !late && !mixed || late && self.knows_us(owner, subscriptions, look, (false, mixed)) {
+        let counts = match late {
+            true => self.knows_us(owner, subscriptions, look, (false, baseline.mixed)),
+            false => !baseline.mixed,
+        };
+        if counts {
             link.count_from(baseline);
         }
         Ok(())

@@ -225,7 +225,7 @@ impl Runner<'_> {
         let cause = if ended.exit_status == Some(0) { "StackExited" } else { "StackCrashed" };
         // The replay goes on without it; in the drain there is nothing more to wait for.
         let draining = self.course.borrow().last().is_some_and(|last| last.stage == Stage::Drain);
-        let allowed = self.case.faults.allow.iter().any(|allowed| allowed == cause);
+        let allowed = self.case.faults.allows(cause);
         (draining || !allowed).then_some(Cancellation::StackExited)
     }
 

@@ -148,8 +148,8 @@ impl Host for RosmasterHost<'_> {
             let Ended { exit_status, signal } = ended;
             return Abort { exit_status, signal, stderr, ..abort };
         }
-        let allowed = self.case.faults.allow.iter().any(|cause| cause == "StackCrashed");
-        let crashed = !allowed && stack.as_ref().is_some_and(|stack| stack.crash().is_some());
+        let crash = stack.as_ref().and_then(StackEnd::crash);
+        let crashed = crash.is_some_and(|crash| !self.case.faults.allows(crash.cause.name()));
         if abort.reason.starts_with("RosMaster") && !crashed {
             return Abort { stderr, ..abort };
         }
