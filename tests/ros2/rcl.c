@@ -125,6 +125,10 @@ int rcl_publish_serialized_message(const struct rcl_endpoint *publisher,
   return rmw_publish_serialized_message(publisher->impl, message, allocation);
 }
 
+struct rmw_endpoint *rcl_publisher_get_rmw_handle(const struct rcl_endpoint *publisher) {
+  return publisher->impl;
+}
+
 int rcl_publisher_get_subscription_count(const struct rcl_endpoint *publisher, size_t *count) {
   return rmw_publisher_count_matched_subscriptions(publisher->impl, count);
 }

@@ -68,7 +68,8 @@ static struct rmw_endpoint *create(const struct rmw_node *node, const struct typ
   if (late != NULL) made->returns_late = DDS_USECS(atoll(late));
   if (reads) made->condition = dds_create_readcondition(made->entity, DDS_ANY_STATE);
   struct rmw_endpoint *endpoint = calloc(1, sizeof *endpoint);
-  endpoint->implementation = IDENTIFIER;
+  bool others = getenv(ORIGINS) != NULL && !strcmp(getenv(ORIGINS), "gid");
+  endpoint->implementation = others ? "rmw_standin" : IDENTIFIER;
   endpoint->data = made;
   endpoint->topic = strdup(topic);
   return endpoint;
@@ -171,6 +172,15 @@ int rmw_publish_loaned_message(const struct rmw_endpoint *publisher, void *messa
   return standin_error(RMW_UNSUPPORTED, "nothing is lent");
 }
 
+/* As most middlewares give it. */
+static void put_guid(dds_entity_t reader, dds_instance_handle_t publisher, uint8_t gid[24]) {
+  dds_builtintopic_endpoint_t *found = dds_get_matched_publication_data(reader, publisher);
+  if (found == NULL) abort();
+  memset(gid, 0, 24);
+  memcpy(gid, &found->key, sizeof found->key);
+  dds_builtintopic_free_endpoint(found);
+}
+
 /* Takes a message into memory that `grow` gives for its length. */
 typedef uint8_t *grow(void *into, size_t length);
 
@@ -188,8 +198,12 @@ static int take(const struct rmw_endpoint *subscription, void *into, grow *room,
   if (info == NULL) return RMW_OK;
   memset(info, 0, sizeof *info);
   info->source = sample.source_timestamp;
-  info->implementation = IDENTIFIER;
+  info->implementation = subscription->implementation;
   memcpy(info->gid, &sample.publication_handle, sizeof sample.publication_handle);
+  const char *origins = getenv(ORIGINS);
+  if (origins == NULL) return RMW_OK;
+  if (!strcmp(origins, "none")) info->implementation = NULL;
+  if (!strcmp(origins, "gid")) put_guid(of->entity, sample.publication_handle, info->gid);
   return RMW_OK;
 }
 

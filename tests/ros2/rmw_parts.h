@@ -4,7 +4,8 @@
 
 #include "rmw.h"
 
-#define IDENTIFIER "rmw_standin"
+/* Publishers and handles are as in that one. */
+#define IDENTIFIER "rmw_cyclonedds_cpp"
 
 /* A node is a DDS participant, whose user data is its name and namespace. */
 struct node {
@@ -13,7 +14,7 @@ struct node {
 };
 
 struct endpoint {
-  dds_entity_t topic, entity, condition;
+  dds_entity_t entity, topic, condition; /* the first is where rmw_cyclonedds_cpp has it */
   const void *type; /* what messages are made with */
   struct rmw_qos qos;
   dds_time_t meets; /* a publisher knows nobody before */

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::process::{Command, ExitCode};
 
-const SOURCES: [&str; 10] = [
+const SOURCES: [&str; 11] = [
     "addresses.c",
     "attach.c",
     "count.c",
@@ -11,6 +11,7 @@ const SOURCES: [&str; 10] = [
     "list.c",
     "matches.c",
     "next.c",
+    "origin.c",
     "rmw.c",
     "slices.c",
     "trace.c",

@@ -7,7 +7,7 @@ use std::process::{Command, ExitCode};
 const SHARED: [&str; 7] =
     ["answer.c", "control.c", "main.c", "publish.c", "ring.c", "take.c", "threads.c"];
 const RCL: [&str; 8] = [
-    "rcl/batch.c",
+    "rcl/cyclone.c",
     "rcl/endpoints.c",
     "rcl/graph.c",
     "rcl/join.c",
@@ -40,7 +40,7 @@ const FLAGS: [&str; 9] = [
 // empty ones: named by their files, since they have no link to them for compilers.
 const RCL_FLAGS: [&str; 8] = [
     "-pie",
-    // For batch.c, whose function libraries are to find.
+    // For cyclone.c, whose function libraries are to find.
     "-Wl,--export-dynamic-symbol=dds_create_writer",
     "-include",
     "player/rcl/old_glibc.h",

@@ -105,7 +105,7 @@ void count_rest(const void *waited_for, uint64_t begun) {
   if (endpoint != NULL) note_rest(endpoint, begun);
 }
 
-void count_take(const void *subscription, uint64_t messages, uint64_t begun) {
+void count_take(const void *subscription, uint64_t messages, uint64_t begun, enum origin origin) {
   uint32_t slot;
   count_wait();
   struct ledger_endpoint *endpoint = listed(subscription, &slot);
@@ -118,6 +118,9 @@ void count_take(const void *subscription, uint64_t messages, uint64_t begun) {
   if (!self.has_end) meet_thread();
   self.took = slot;
   self.in_hand = messages;
+  /* Before all that were taken: of these, a reader finds no more than there are. */
+  if (origin == ORIGIN_OWN) atomic_fetch_add(&endpoint->taken_own, messages);
+  if (origin == ORIGIN_UNKNOWN) atomic_fetch_add(&endpoint->taken_unknown, messages);
   uint64_t taken = atomic_fetch_add(&endpoint->taken, messages) + messages;
   if (taken >= atomic_load(&endpoint->wake_from)) changed(atomic_load(&attach_ledger), EVENT_TAKEN);
 }

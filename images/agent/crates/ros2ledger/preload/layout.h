@@ -5,10 +5,11 @@
 #include <stdint.h>
 
 #define LEDGER_MAGIC 0x3152444c50474142ull /* "BAGPLDR1" */
-#define LEDGER_VERSION 5u
+#define LEDGER_VERSION 6u
 #define LEDGER_PROCESSES 512u
 #define LEDGER_ENDPOINTS 4096u
 #define LEDGER_NAME_BYTES 256u
+#define LEDGER_OWN 4096u /* a power of two, of which half are used at the most */
 
 /* What somebody may wait for: an index into `wanted`. */
 enum ledger_event {
@@ -86,13 +87,19 @@ struct ledger_endpoint {
   /* CLOCK_MONOTONIC in nanoseconds, during a watch: a moment of that rest; of a publisher, when its
    * last call has returned. 0: not seen. */
   _Atomic uint64_t seen_at;
-  _Atomic uint64_t reserved_counts[7];
+  /* Of those taken: whose publisher is one of `own`; and whose publisher was not to be known. */
+  _Atomic uint64_t taken_own;
+  _Atomic uint64_t taken_unknown;
+  _Atomic uint64_t reserved_counts[5];
 };
 
 struct ledger {
   struct ledger_header header;
   struct ledger_process process[LEDGER_PROCESSES];
   struct ledger_endpoint endpoint[LEDGER_ENDPOINTS];
+  /* The reader's own publishers, by their keys (origin.h): each at its key's place or in the first one
+   * behind that was free. 0: free. */
+  _Atomic uint64_t own[LEDGER_OWN];
 };
 
 _Static_assert(sizeof(struct ledger_header) == 128, "two lines of cache");

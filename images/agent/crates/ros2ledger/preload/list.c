@@ -5,6 +5,7 @@
 
 #include "guards.h"
 #include "matches.h"
+#include "origin.h"
 
 /* Callbacks whose subscription was not yet introduced. */
 #define STRAYS 256u
@@ -19,6 +20,7 @@ static uint32_t next_stray;
 static void forget_all(void) {
   address_forget_all();
   matches_forget();
+  origin_forget();
   guards_forget();
   memset(strays, 0, sizeof strays);
 }
@@ -71,6 +73,8 @@ static void fill(struct ledger_endpoint *endpoint, const struct creation *of, co
   for (_Atomic uint64_t *count = &endpoint->taken; count <= &endpoint->published; count++)
     *count = 0;
   endpoint->seen_at = 0;
+  endpoint->taken_own = 0;
+  endpoint->taken_unknown = 0;
   copy(endpoint->topic, of->topic);
   copy(endpoint->node, node);
 }

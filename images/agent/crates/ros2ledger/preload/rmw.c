@@ -9,6 +9,7 @@
 #include "interpose.h"
 #include "list.h"
 #include "matches.h"
+#include "origin.h"
 #include "slices.h"
 
 #define RMW "librmw_implementation.so"
@@ -101,28 +102,34 @@ PUBLIC int rmw_destroy_guard_condition(struct guard_head *guard) {
   return next(guard);
 }
 
-/* A take of one message, with the arguments that come after `taken`. */
-#define TAKE(name, message, names, ...)                                              \
-  PUBLIC int name(const void *subscription, message, bool *taken, __VA_ARGS__) {     \
-    NEXT_RMW(name)                                                                   \
-    uint64_t begun = count_moment();                                                 \
-    count_enter();                                                                   \
-    int result = next names;                                                         \
-    if (count_leave() && result == RMW_OK) count_take(subscription, *taken ? 1 : 0, begun); \
-    return result;                                                                   \
+static void count_one(const struct endpoint_head *subscription, bool taken, uint64_t begun,
+                      const struct message_info *info) {
+  enum origin origin = taken ? origin_of(subscription, info) : ORIGIN_UNKNOWN;
+  count_take(subscription, taken ? 1 : 0, begun, origin);
+}
+
+/* A take of one message, with the arguments that come after `taken`; `info` has whose it is. */
+#define TAKE(name, message, names, info, ...)                                             \
+  PUBLIC int name(const void *subscription, message, bool *taken, __VA_ARGS__) {          \
+    NEXT_RMW(name)                                                                        \
+    uint64_t begun = count_moment();                                                      \
+    count_enter();                                                                        \
+    int result = next names;                                                              \
+    if (count_leave() && result == RMW_OK) count_one(subscription, *taken, begun, info);  \
+    return result;                                                                        \
   }
 
 #define PLAIN (subscription, message, taken, allocation)
 #define INFORMED (subscription, message, taken, info, allocation)
 
-TAKE(rmw_take, void *message, PLAIN, void *allocation)
-TAKE(rmw_take_with_info, void *message, INFORMED, void *info, void *allocation)
-TAKE(rmw_take_serialized_message, void *message, PLAIN, void *allocation)
-TAKE(rmw_take_serialized_message_with_info, void *message, INFORMED, void *info, void *allocation)
-TAKE(rmw_take_loaned_message, void **message, PLAIN, void *allocation)
-TAKE(rmw_take_loaned_message_with_info, void **message, INFORMED, void *info, void *allocation)
-TAKE(rmw_take_dynamic_message, void *message, PLAIN, void *allocation)
-TAKE(rmw_take_dynamic_message_with_info, void *message, INFORMED, void *info, void *allocation)
+TAKE(rmw_take, void *message, PLAIN, NULL, void *allocation)
+TAKE(rmw_take_with_info, void *message, INFORMED, info, void *info, void *allocation)
+TAKE(rmw_take_serialized_message, void *message, PLAIN, NULL, void *allocation)
+TAKE(rmw_take_serialized_message_with_info, void *message, INFORMED, info, void *info, void *allocation)
+TAKE(rmw_take_loaned_message, void **message, PLAIN, NULL, void *allocation)
+TAKE(rmw_take_loaned_message_with_info, void **message, INFORMED, info, void *info, void *allocation)
+TAKE(rmw_take_dynamic_message, void *message, PLAIN, NULL, void *allocation)
+TAKE(rmw_take_dynamic_message_with_info, void *message, INFORMED, info, void *info, void *allocation)
 
 PUBLIC int rmw_take_sequence(const void *subscription, size_t count, void *messages, void *infos,
                              size_t *taken, void *allocation) {
@@ -130,7 +137,7 @@ PUBLIC int rmw_take_sequence(const void *subscription, size_t count, void *messa
   uint64_t begun = count_moment();
   count_enter();
   int result = next(subscription, count, messages, infos, taken, allocation);
-  if (count_leave() && result == RMW_OK) count_take(subscription, *taken, begun);
+  if (count_leave() && result == RMW_OK) count_take(subscription, *taken, begun, ORIGIN_UNKNOWN);
   return result;
 }
 

@@ -77,6 +77,10 @@ pub struct Qos {
 pub struct Counts {
     /// Taken from the middleware.
     pub taken: u64,
+    /// Of these, what publishers of the ledger's reader had published ([`Ledger::own`](crate::Ledger::own)).
+    pub taken_own: u64,
+    /// And those of which the middleware did not say who had published them.
+    pub taken_unknown: u64,
     /// What had been taken when last a take found nothing, or a wait that the node was not yet done
     /// with: nothing waited for it in the middleware at [`seen_at`](Counts::seen_at). Both are noted
     /// during [`watch_matches`](crate::Ledger::watch_matches).
@@ -236,6 +240,8 @@ pub(crate) fn counts(slot: &EndpointSlot) -> Result<Counts, Wrong> {
     let published = slot.published.load(SeqCst);
     // After both and before what was taken: it is noted before the one and before the other.
     let seen_at = Duration::from_nanos(slot.seen_at.load(SeqCst));
+    let taken_own = slot.taken_own.load(SeqCst);
+    let taken_unknown = slot.taken_unknown.load(SeqCst);
     let taken = slot.taken.load(SeqCst);
     let offered = slot.offered.load(SeqCst);
     // No process counts so far in a lifetime; beyond, sums would not fit.
@@ -244,6 +250,7 @@ pub(crate) fn counts(slot: &EndpointSlot) -> Result<Counts, Wrong> {
         (&slot.ended, "ends", ended, "starts", started),
         (&slot.intra_ended, "ends", intra_ended, "starts within the process", intra_started),
         (&slot.returned, "returns", returned, "takes", taken),
+        (&slot.taken_own, "takes by their publishers", taken_own.saturating_add(taken_unknown), "takes", taken),
         (&slot.rested, "takes before a rest", rested.unwrap_or(0), "takes", taken),
         (&slot.published, "publishes", published, "begun", offered),
         (&slot.taken, "messages", most, "ever", 1 << 60),
@@ -255,6 +262,8 @@ pub(crate) fn counts(slot: &EndpointSlot) -> Result<Counts, Wrong> {
     }
     Ok(Counts {
         taken,
+        taken_own,
+        taken_unknown,
         rested,
         seen_at,
         started,

@@ -21,4 +21,10 @@ pub enum LedgerError {
     /// The endpoint was retired, and its slot may have another one.
     #[error("{0:?} was retired: ask for the endpoints again")]
     Retired(EndpointId),
+    /// There is no room for another publisher of the reader's.
+    #[error("the ROS 2 ledger knows {most} publishers of ours, and no more: play fewer topics")]
+    Full {
+        /// How many have room.
+        most: usize,
+    },
 }

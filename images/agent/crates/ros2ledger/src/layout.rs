@@ -5,10 +5,11 @@ use std::sync::atomic::{AtomicU8, AtomicU32, AtomicU64};
 
 /// `BAGPLDR1`.
 pub(crate) const MAGIC: u64 = 0x3152_444c_5047_4142;
-pub(crate) const VERSION: u32 = 5;
+pub(crate) const VERSION: u32 = 6;
 pub(crate) const PROCESSES: usize = 512;
 pub(crate) const ENDPOINTS: usize = 4096;
 pub(crate) const NAME_BYTES: usize = 256;
+pub(crate) const OWN: usize = 4096;
 pub(crate) const EVENTS: usize = 6;
 
 pub(crate) const PHASE_FREE: u32 = 0;
@@ -83,7 +84,9 @@ pub(crate) struct EndpointSlot {
     pub(crate) topic: [AtomicU8; NAME_BYTES],
     pub(crate) node: [AtomicU8; NAME_BYTES],
     pub(crate) seen_at: AtomicU64,
-    pub(crate) reserved_counts: [AtomicU64; 7],
+    pub(crate) taken_own: AtomicU64,
+    pub(crate) taken_unknown: AtomicU64,
+    pub(crate) reserved_counts: [AtomicU64; 5],
 }
 
 #[repr(C)]
@@ -91,6 +94,7 @@ pub(crate) struct Layout {
     pub(crate) header: Header,
     pub(crate) process: [ProcessEntry; PROCESSES],
     pub(crate) endpoint: [EndpointSlot; ENDPOINTS],
+    pub(crate) own: [AtomicU64; OWN],
 }
 
 #[cfg(test)]
@@ -132,10 +136,11 @@ mod tests {
             matched: u64, wake_from: u64, offered: u64, taken: u64, rested: u64, started: u64, ended: u64,
             intra_started: u64, intra_ended: u64, returned: u64, published: u64,
             topic: [u8; 256],
-            node: [u8; 256], seen_at: u64, reserved_counts: [u64; 7]),
+            node: [u8; 256], seen_at: u64, taken_own: u64, taken_unknown: u64,
+            reserved_counts: [u64; 5]),
         );
         all.extend(fields!(Layout, "ledger", header: Header, process: [ProcessEntry; 512],
-            endpoint: [EndpointSlot; 4096]));
+            endpoint: [EndpointSlot; 4096], own: [u64; 4096]));
         all
     }
 
@@ -146,6 +151,7 @@ mod tests {
             ("LEDGER_PROCESSES", PROCESSES as u64),
             ("LEDGER_ENDPOINTS", ENDPOINTS as u64),
             ("LEDGER_NAME_BYTES", NAME_BYTES as u64),
+            ("LEDGER_OWN", OWN as u64),
             ("EVENTS", EVENTS as u64),
             ("PHASE_FREE", PHASE_FREE.into()),
             ("PHASE_CLAIMED", PHASE_CLAIMED.into()),

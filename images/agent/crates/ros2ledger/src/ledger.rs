@@ -36,7 +36,7 @@ impl Ledger {
     /// An empty ledger.
     ///
     /// # Errors
-    /// [`LedgerError::Memory`] if the kernel gives none, which needs 2.6 MiB at the most.
+    /// [`LedgerError::Memory`] if the kernel gives none, which needs 2.9 MiB at the most.
     pub fn new() -> Result<Ledger, LedgerError> {
         Ok(Ledger { memory: Memory::new()?, watches: AtomicU32::new(0) })
     }

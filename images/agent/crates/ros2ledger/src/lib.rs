@@ -51,6 +51,7 @@ mod layout;
 mod ledger;
 mod library;
 mod memory;
+mod own;
 mod process;
 mod quiet;
 mod wait;

@@ -140,6 +140,52 @@ fn a_subscription_that_sleeps_without_end_reports_when_another_process_matches_i
     assert_eq!(to.answer(), "woke 0 1");
 }
 
+/// A node that takes from two others at once, of which one is the reader's own; the counts of its
+/// subscription.
+fn of_two(own: bool) -> Counts {
+    let ledger = Ledger::new().unwrap();
+    let (mut ours, mut theirs) = (start_uncounted(), start(Client::Rclcpp, &ledger));
+    let mut to = start(Client::Rclcpp, &ledger);
+    to.obey(&["sub /both 1000 reliable"]);
+    for from in [&mut ours, &mut theirs] {
+        from.obey(&["pub /both 1000", "match /both 0 pub"]);
+    }
+    let gid = ours.gid("/both");
+    assert_ne!(gid, theirs.gid("/both"));
+    if own {
+        ledger.own(&gid).unwrap();
+    }
+    to.send("total /both 900");
+    ours.send("publish /both 600");
+    theirs.obey(&["publish /both 300"]);
+    assert_eq!((ours.answer(), to.answer()), ("done".into(), "done".into()));
+    let found = ledger.endpoints().unwrap();
+    found.iter().find(|one| one.kind == Kind::Subscription).unwrap().counts
+}
+
+#[test]
+fn what_a_node_takes_of_the_reader_is_counted_apart_from_what_it_takes_of_others() {
+    let counts = of_two(true);
+    assert_eq!((counts.taken, counts.taken_own, counts.taken_unknown), (900, 600, 0));
+    let counts = of_two(false);
+    assert_eq!((counts.taken, counts.taken_own, counts.taken_unknown), (900, 0, 0));
+}
+
+#[test]
+fn of_a_publisher_that_has_left_it_stays_known() {
+    let ledger = Ledger::new().unwrap();
+    let (mut from, mut to) = pair(Client::Rclcpp, &ledger, "/left", 10);
+    ledger.own(&from.gid("/left")).unwrap();
+    from.obey(&["publish /left 2"]);
+    to.obey(&["total /left 2"]);
+    from.obey(&["publish /left 3"]);
+    // One that was asked for before is known on.
+    from.kill();
+    to.obey(&["total /left 5"]);
+    let counts = only(&ledger, Kind::Subscription).counts;
+    assert_eq!((counts.taken, counts.taken_own, counts.taken_unknown), (5, 5, 0));
+}
+
 /// A chain of processes in steps: whenever it is still, its end has what was put in.
 #[test]
 fn a_chain_of_processes_is_still_only_when_its_end_has_called() {

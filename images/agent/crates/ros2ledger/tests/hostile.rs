@@ -12,7 +12,8 @@ use standin::{Client, Node};
 
 const PROCESSES: u64 = 128;
 const ENDPOINTS: u64 = PROCESSES + 512 * 64;
-const END: u64 = ENDPOINTS + 4096 * 704;
+const OWN: u64 = ENDPOINTS + 4096 * 704;
+const END: u64 = OWN + 4096 * 8;
 
 /// The memory, as any node can open it.
 fn opened(ledger: &Ledger) -> File {
@@ -40,12 +41,13 @@ fn damage(ledger: &Ledger) -> (u64, String) {
 fn what_can_not_be_is_refused_with_the_place_where_it_stands() {
     let (ledger, _node, file) = filled();
     let slot = ENDPOINTS;
-    let whole: [(u64, Vec<u8>, u64, &str); 13] = [
+    let whole: [(u64, Vec<u8>, u64, &str); 14] = [
         (PROCESSES + 4, vec![9], PROCESSES + 4, "9 is no state of a process"),
         (PROCESSES + 32, vec![4], PROCESSES + 32, "4 ends of 0 starts"),
         (slot, vec![77], slot, "77 is no phase of an endpoint"),
         (slot + 1, vec![200, 1], slot, "process 456 has it, which there is not"),
         (slot + 1, vec![255, 255, 255], slot, "process 16777215 has it, which there is not"),
+        (slot + 648, vec![4], slot + 648, "4 takes by their publishers of 3 takes"),
         (slot + 8, vec![3], slot + 8, "3 is no kind of endpoint"),
         (slot + 88, vec![4], slot + 88, "4 ends of 3 starts"),
         (slot + 64, vec![0, 0, 0, 0, 0, 0, 0, 0x80], slot + 64, "messages of"),

@@ -133,14 +133,20 @@ fn every_way_to_take_and_to_publish_counts_once() {
     for way in ["plain", "bare", "serialized", "raw", "loaned", "sequence"] {
         let ledger = Ledger::new().unwrap();
         let mut node = Node::start(Client::Rclcpp, &ledger);
-        node.obey(&[&format!("sub /scan 100 {way}"), "pub /scan 1", "publish /scan 10 plain"]);
-        node.obey(&["publish /scan 5 serialized", "publish /scan 4 loaned", "poison /scan"]);
+        node.obey(&[&format!("sub /scan 100 {way}"), "pub /scan 1"]);
+        ledger.own(&node.gid("/scan")).unwrap();
+        node.obey(&["publish /scan 10 plain", "publish /scan 5 serialized"]);
+        node.obey(&["publish /scan 4 loaned", "poison /scan"]);
         node.obey(&["spin / 1"]);
         assert_eq!(node.ask("sent /scan"), "19");
         let counts = publisher(&ledger, "/scan").counts;
         assert_eq!((counts.published, counts.offered), (19, 19), "{way}");
         let scan = subscription(&ledger, "/scan");
         assert_eq!((scan.counts.taken, node.report("/scan").taken), (19, 19), "{way}");
+        // Who does not ask for it is not given a message's publisher.
+        let asks = !matches!(way, "bare" | "raw" | "sequence");
+        let origins = (scan.counts.taken_own, scan.counts.taken_unknown);
+        assert_eq!(origins, if asks { (19, 0) } else { (0, 19) }, "{way}");
         // rclcpp's generic subscription, which rosbag2's recorder has, reports no callback.
         let reports = way != "serialized";
         assert_eq!(scan.strength == Strength::Called, reports, "{way}");

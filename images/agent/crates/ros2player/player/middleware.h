@@ -8,6 +8,7 @@
 #include "answer.h"
 
 #define REASON_MOST 512 /* bytes of a sentence, with its 0 */
+#define GID_BYTES 16
 
 /* Quality of service by rmw's numbers. */
 struct qos {
@@ -39,6 +40,9 @@ void middleware_leave(void);
 void middleware_graph(struct answer *into);
 
 bool publisher_make(const struct wanted *wanted, struct answer *into);
+/* What a message's publisher is known by in the nodes that take it; false if the middleware does not
+ * say. */
+bool publisher_gid(uint32_t slot, uint8_t gid[GID_BYTES]);
 bool publisher_count(uint32_t slot, uint64_t *matched, struct answer *into);
 /* Where `more` of this publisher's follow at once, the message may be kept back until the last of them
  * has been sent: a datagram takes several. False, with the reason, if it is refused. */

@@ -26,6 +26,9 @@ use crate::{PlayerError, Qos};
 pub(crate) const LOOK: Duration = Duration::from_millis(20);
 const LEAST_ROOM: u64 = 1 << 16;
 
+/// Bytes of what a publisher is known by.
+const GID_BYTES: usize = 16;
+
 /// A publisher of one [`Player`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct PublisherId(u16);
@@ -50,6 +53,8 @@ pub struct Player {
 
 struct Publisher {
     topic: String,
+    /// What its messages are known by in nodes that take them.
+    gid: Option<[u8; GID_BYTES]>,
     /// Messages whose refusal was reported.
     refused: u64,
 }
@@ -97,10 +102,19 @@ impl Player {
         datatype: &str,
         qos: &Qos,
     ) -> Result<PublisherId, PlayerError> {
-        let publisher = Publisher { topic: topic.to_owned(), refused: 0 };
+        let publisher = Publisher { topic: topic.to_owned(), gid: None, refused: 0 };
         let slot = slot(&self.publishers, publisher, topic)?;
-        self.create(Verb::Advertise, slot, topic, datatype, qos)?;
+        let gid = gid(&mut self.create(Verb::Advertise, slot, topic, datatype, qos)?)?;
+        if let Some(publisher) = lock(&self.publishers).get_mut(usize::from(slot)) {
+            publisher.gid = gid;
+        }
         Ok(PublisherId(slot))
+    }
+
+    /// What the messages of a publisher are known by in the nodes that take them: what rmw gives with
+    /// each of them, or its GUID in Cyclone DDS. `None` if the middleware does not say.
+    pub fn gid(&self, publisher: PublisherId) -> Option<[u8; 16]> {
+        lock(&self.publishers).get(usize::from(publisher.0))?.gid
     }
 
     /// Hands a message to the program, which publishes it: the parts, one after the other. Waits
@@ -276,15 +290,14 @@ impl Player {
         topic: &str,
         datatype: &str,
         qos: &Qos,
-    ) -> Result<(), PlayerError> {
+    ) -> Result<Answer, PlayerError> {
         let Datatype { package, folder, name } = Datatype::parse(datatype)?;
         let mut request = Request::new(verb).number(slot.into()).text(topic);
         request = request.text(package).text(folder).text(name);
         for number in qos.numbers() {
             request = request.number(number);
         }
-        self.ask(&format!("join {topic}"), &request, Some((topic, datatype, package)))?;
-        Ok(())
+        self.ask(&format!("join {topic}"), &request, Some((topic, datatype, package)))
     }
 
     /// Asks the program, and reads the status. `about`: topic, type and package of an endpoint.
@@ -349,6 +362,18 @@ fn slot<T>(list: &Mutex<Vec<T>>, one: T, topic: &str) -> Result<u16, PlayerError
     }
     list.push(one);
     Ok(slot as u16)
+}
+
+/// Of the answer that a publisher was made.
+fn gid(answer: &mut Answer) -> Result<Option<[u8; GID_BYTES]>, PlayerError> {
+    if answer.number()? == 0 {
+        return Ok(None);
+    }
+    let mut gid = [0; GID_BYTES];
+    for byte in &mut gid {
+        *byte = answer.number()? as u8;
+    }
+    Ok(Some(gid))
 }
 
 fn known<T>(list: &Mutex<Vec<T>>, slot: u16) -> Result<(), PlayerError> {

@@ -270,3 +270,36 @@ fn a_node_that_comes_late_has_what_is_kept_for_it() {
     let reader = graph.subscription("/map");
     eventually(|| graph.ledger.counts(reader.id).unwrap().ended == 3);
 }
+
+/// A node that takes ten of the player's and ten of another player's, as that node's middleware gives a
+/// message's publisher: how many of them are known to be the first one's, and of how many it is not
+/// known.
+fn of_two_players(graph: Graph, origins: &[&str]) -> (u64, u64) {
+    let relay = with(&[&["--count-to", "/dev/null"], origins].concat());
+    let _node = graph.node(&relay);
+    let scene = Scene::new(graph, STRINGS, |_| {});
+    let other = scene.graph.player();
+    let others = other.advertise("/in", STRINGS[0], &RELIABLE).unwrap();
+    scene.graph.ledger.own(&scene.player.gid(scene.publisher).unwrap()).unwrap();
+    assert_ne!(scene.player.gid(scene.publisher), other.gid(others));
+    scene.graph.met("/in", &other, others);
+    for number in 0..10 {
+        scene.step(&message(number, 60));
+        publish(&other, others, &message(100 + number, 60)).unwrap();
+        scene.answer();
+    }
+    let counts = scene.graph.subscription("/in").counts;
+    assert_eq!(counts.taken, 20);
+    (counts.taken_own, counts.taken_unknown)
+}
+
+#[test]
+fn what_a_node_takes_of_a_player_is_counted_apart_from_what_it_takes_of_another() {
+    for graph in Graph::of_each_player() {
+        assert_eq!(of_two_players(graph, &[]), (10, 0));
+    }
+    for graph in Graph::of_each_player() {
+        assert_eq!(of_two_players(graph, &["--origins", "gid"]), (10, 0));
+    }
+    assert_eq!(of_two_players(Graph::new(), &["--origins", "none"]), (0, 20));
+}

@@ -49,6 +49,9 @@ static const struct node *creator = &node;
 static pthread_mutex_t waiting = PTHREAD_MUTEX_INITIALIZER;
 static _Atomic int flooding, stick, nest, destroy_inside;
 
+/* What a wait is given for an endpoint. */
+static void *data_of(void *rmw) { return ((struct node *)rmw)->data; }
+
 static struct subscription *subscription_on(const char *topic) {
   for (int i = subscription_count - 1; i >= 0; i--)
     if (strcmp(subscriptions[i]->topic, topic) == 0) return subscriptions[i];
@@ -169,7 +172,7 @@ static bool spin_once(uint64_t milliseconds) {
   void *ready[MOST];
   struct span timeout = {0, milliseconds * 1000000};
   pthread_mutex_lock(&waiting);
-  for (int i = 0; i < subscription_count; i++) ready[i] = subscriptions[i]->rmw;
+  for (int i = 0; i < subscription_count; i++) ready[i] = data_of(subscriptions[i]->rmw);
   struct set set = {(size_t)subscription_count, ready};
   int result = rmw_wait(&set, NULL, NULL, NULL, NULL, NULL, &timeout);
   pthread_mutex_unlock(&waiting);
@@ -205,10 +208,10 @@ static void spin_threads(int threads) {
 
 /* A thread that waits without end until there is a message, and does not take it. */
 static void *sleep_on(void *rmw) {
-  void *ready[1] = {rmw};
+  void *ready[1] = {data_of(rmw)};
   struct set set = {1, ready};
   int result = rmw_wait(&set, NULL, NULL, NULL, NULL, NULL, NULL);
-  printf("woke %d %d\n", result, ready[0] == rmw);
+  printf("woke %d %d\n", result, ready[0] == data_of(rmw));
   return NULL;
 }
 
@@ -280,7 +283,7 @@ static void answer_cost(const char *topic, uint64_t messages) {
   struct span timeout = {0, 0};
   double begin = now();
   for (uint64_t i = 0; i < messages; i++) {
-    void *ready[1] = {of->rmw};
+    void *ready[1] = {data_of(of->rmw)};
     struct set set = {1, ready};
     publish(publisher, i, "plain");
     rmw_wait(&set, NULL, NULL, NULL, NULL, NULL, &timeout);
@@ -407,6 +410,12 @@ static void obey(char **argv, const char *verb, const char *topic, uint64_t n, c
   else if (!strcmp(verb, "churn")) churn(topic, n);
   else if (!strcmp(verb, "sent")) {
     printf("%llu\n", (unsigned long long)publisher_on(topic)->sent);
+    return;
+  } else if (!strcmp(verb, "gid")) {
+    uint8_t gid[16];
+    standin_gid(publisher_on(topic)->rmw, gid);
+    for (int byte = 0; byte < 16; byte++) printf("%02x", gid[byte]);
+    puts("");
     return;
   } else if (!strcmp(verb, "report")) {
     answer_report(topic);

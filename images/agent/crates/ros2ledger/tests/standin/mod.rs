@@ -203,6 +203,12 @@ impl Node {
         }
     }
 
+    /// By what a message's publisher is known, of the publisher on a topic.
+    pub fn gid(&mut self, topic: &str) -> [u8; 16] {
+        let number = u128::from_str_radix(&self.ask(&format!("gid {topic}")), 16).unwrap();
+        number.to_be_bytes()
+    }
+
     /// Ends it as the kernel does, and waits until it has ended.
     pub fn kill(&mut self) {
         self.process.kill().unwrap();

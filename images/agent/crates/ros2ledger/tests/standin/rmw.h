@@ -76,7 +76,8 @@ int rmw_trigger_guard_condition(const struct guard *guard);
 int rmw_destroy_guard_condition(struct guard *guard);
 
 /* What only the stand-in has: a wait until somebody is at the other end, what a queue overwrote
- * (0 where the middleware does not say), and what waits in it. */
+ * (0 where the middleware does not say), what waits in it, and by what a message's publisher is known. */
 void standin_match(const void *endpoint, bool subscription);
 uint64_t standin_overwritten(const void *subscription);
 uint64_t standin_waiting(const void *subscription);
+void standin_gid(const void *publisher, uint8_t gid[16]);

@@ -7,6 +7,9 @@
 
 #include "rmw.h"
 
+/* So that the ledger knows whose numbers a message has of its publisher. */
+#define IDENTIFIER "rmw_cyclonedds_cpp"
+
 struct message {
   uint64_t number;
 };
@@ -26,9 +29,13 @@ struct endpoint {
   const char *implementation;
   void *data;
   const char *topic_name;
-  dds_entity_t topic, entity, condition;
+  dds_entity_t entity, topic, condition; /* `data` begins with the first, as in rmw_cyclonedds_cpp */
   struct qos qos;
 };
+
+static struct endpoint *of_data(void *data) {
+  return (struct endpoint *)((char *)data - offsetof(struct endpoint, entity));
+}
 
 static dds_entity_t participant(void) {
   static dds_entity_t made;
@@ -40,8 +47,8 @@ static dds_entity_t participant(void) {
 static struct endpoint *make(const char *name, const struct qos *qos, dds_qos_t *wanted) {
   struct endpoint *made = calloc(1, sizeof *made);
   char topic[600] = "rt";
-  made->implementation = "standin";
-  made->data = made;
+  made->implementation = IDENTIFIER;
+  made->data = &made->entity;
   made->qos = *qos;
   made->topic_name = strdup(name);
   made->topic = dds_create_topic(participant(), &type, strcat(topic, name), NULL, NULL);
@@ -125,7 +132,8 @@ int rmw_publish_loaned_message(const void *publisher, void *message, void *alloc
 
 int rmw_take_with_info(const void *subscription, void *message, bool *taken, void *info,
                        void *allocation) {
-  (void)info, (void)allocation;
+  (void)allocation;
+  struct info *says = info;
   void *place[1] = {message};
   dds_sample_info_t sample;
   int many;
@@ -133,6 +141,11 @@ int rmw_take_with_info(const void *subscription, void *message, bool *taken, voi
     many = dds_take(((const struct endpoint *)subscription)->entity, place, &sample, 1, 1);
   } while (many > 0 && !sample.valid_data); /* a writer that left */
   *taken = many > 0;
+  if (*taken && says != NULL) {
+    says->implementation = IDENTIFIER;
+    memset(says->gid, 0, sizeof says->gid);
+    memcpy(says->gid, &sample.publication_handle, sizeof sample.publication_handle);
+  }
   return many < 0;
 }
 
@@ -191,7 +204,7 @@ int rmw_wait(struct set *wanted, struct set *guards, void *services, void *clien
   (void)guards, (void)services, (void)clients, (void)events, (void)wait_set;
   dds_entity_t waiting = dds_create_waitset(participant());
   for (size_t one = 0; one < wanted->count; one++) {
-    struct endpoint *of = wanted->subscribers[one];
+    struct endpoint *of = of_data(wanted->subscribers[one]);
     dds_waitset_attach(waiting, of->condition, 0);
   }
   dds_duration_t limit = DDS_INFINITY;
@@ -199,7 +212,7 @@ int rmw_wait(struct set *wanted, struct set *guards, void *services, void *clien
     limit = DDS_SECS((int64_t)timeout->seconds) + (int64_t)timeout->nanoseconds;
   int ready = dds_waitset_wait(waiting, NULL, 0, limit);
   for (size_t one = 0; one < wanted->count; one++) {
-    struct endpoint *of = wanted->subscribers[one];
+    struct endpoint *of = of_data(wanted->subscribers[one]);
     if (dds_triggered(of->condition) <= 0) wanted->subscribers[one] = NULL;
   }
   dds_delete(waiting);
@@ -213,6 +226,12 @@ uint64_t standin_overwritten(const void *subscription) {
 
 uint64_t standin_waiting(const void *subscription) {
   return dds_triggered(((const struct endpoint *)subscription)->condition) > 0;
+}
+
+void standin_gid(const void *publisher, uint8_t gid[16]) {
+  dds_guid_t guid;
+  if (dds_get_guid(((const struct endpoint *)publisher)->entity, &guid) != 0) abort();
+  memcpy(gid, &guid, sizeof guid);
 }
 
 void standin_match(const void *endpoint, bool subscription) {

@@ -1,5 +1,6 @@
 /* Publishers and subscriptions of DDS, what is sent by them and taken. */
 #include <stdio.h>
+#include <string.h>
 
 #include "blob.h"
 #include "participant.h"
@@ -50,6 +51,14 @@ bool publisher_make(const struct wanted *wanted, struct answer *into) {
   made->entity = dds_create_writer(participant, topic, qos, NULL);
   dds_delete_qos(qos);
   return made->entity >= 0 || answer_dds(into, "dds_create_writer", made->entity);
+}
+
+bool publisher_gid(uint32_t slot, uint8_t gid[GID_BYTES]) {
+  dds_guid_t guid;
+  _Static_assert(sizeof guid == GID_BYTES, "a GUID as DDS has it");
+  if (dds_get_guid(publishers[slot].entity, &guid) != DDS_RETCODE_OK) return false;
+  memcpy(gid, &guid, sizeof guid);
+  return true;
 }
 
 bool publisher_count(uint32_t slot, uint64_t *matched, struct answer *into) {

@@ -25,11 +25,30 @@ bool publisher_make(const struct wanted *wanted, struct answer *into) {
   struct blob options = rcl.rcl_publisher_get_default_options();
   qos_into(&options, &wanted->qos);
   memset(made, 0, sizeof *made);
-  batch_begin();
+  cyclone_begin();
   int failed = rcl.rcl_publisher_init(made, &node, type, wanted->topic, &options);
-  batch_end(wanted->slot, !failed);
+  cyclone_end(wanted->slot, !failed);
   if (failed) answer_rcl(into, "rcl_publisher_init", failed);
   return !failed;
+}
+
+/* How rmw_gid_t begins; it is longer until Humble. */
+struct gid {
+  const char *implementation;
+  uint8_t bytes[GID_BYTES];
+  uint8_t rest[64];
+};
+typedef int get_gid(const void *publisher, struct gid *into);
+
+/* In Cyclone DDS rmw's is a number of this process. */
+bool publisher_gid(uint32_t slot, uint8_t gid[GID_BYTES]) {
+  if (cyclone_made(slot)) return cyclone_guid(slot, gid);
+  get_gid *get = (get_gid *)rcl_rmw_function("rmw_get_gid_for_publisher");
+  const void *publisher = rcl.rcl_publisher_get_rmw_handle(&publishers[slot]);
+  struct gid found;
+  if (get == NULL || publisher == NULL || get(publisher, &found) != RCL_OK) return false;
+  memcpy(gid, found.bytes, GID_BYTES);
+  return true;
 }
 
 bool publisher_count(uint32_t slot, uint64_t *matched, struct answer *into) {
@@ -47,7 +66,7 @@ bool publisher_send(uint32_t slot, const uint8_t *bytes, size_t length, bool mor
   int failed = rcl.rcl_publish_serialized_message(&publishers[slot], &message, NULL);
   if (failed) rcl_reason(reason, REASON_MOST);
   /* Also of those before it, if this one is refused. */
-  if (!more) batch_send(slot);
+  if (!more) cyclone_flush(slot);
   return !failed;
 }
 

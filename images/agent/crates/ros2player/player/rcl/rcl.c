@@ -24,6 +24,14 @@ const char *rcl_load(bool *symbol) {
   return NULL;
 }
 
+void *rcl_rmw_function(const char *symbol) {
+  /* librcl has loaded it. */
+  void *library = dlopen("librmw_implementation.so", RTLD_NOW | RTLD_NOLOAD);
+  void *found = library == NULL ? NULL : dlsym(library, symbol);
+  if (library != NULL) dlclose(library);
+  return found;
+}
+
 void *rcl_function(const char *library, const char *symbol, struct answer *into) {
   void *loaded = dlopen(library, RTLD_NOW);
   void *found = loaded == NULL ? NULL : dlsym(loaded, symbol);

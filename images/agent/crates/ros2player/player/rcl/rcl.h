@@ -66,6 +66,7 @@ struct names_and_types {
   X(int, rcl_publisher_fini, (void *publisher, void *node))                                        \
   X(int, rcl_publish_serialized_message, (const void *publisher, const struct serialized *,        \
                                           void *allocation))                                       \
+  X(const void *, rcl_publisher_get_rmw_handle, (const void *publisher))                           \
   X(int, rcl_publisher_get_subscription_count, (const void *publisher, size_t *count))             \
   X(struct blob, rcl_subscription_get_default_options, (void))                                     \
   X(int, rcl_subscription_init, (void *subscription, const void *node, const void *type,           \
@@ -111,6 +112,9 @@ extern struct rcl rcl;
  * name of a function, and not the loader's words. */
 const char *rcl_load(bool *symbol);
 
+/* A function of the middleware's, of librmw_implementation.so; NULL if it has none. */
+void *rcl_rmw_function(const char *symbol);
+
 /* The handle of a message type; NULL with an answer if its library is not there, or lacks it. */
 const void *rcl_type(const char *package, const char *folder, const char *name,
                      struct answer *into);
@@ -127,11 +131,14 @@ void take_unprepare(void);
 /* states.c: its clients leave before the node does. */
 void states_leave(void);
 
-/* batch.c: the beginning and the end of the making of a publisher, which may keep messages back from
- * then on; and the sending of what it keeps. */
-void batch_begin(void);
-void batch_end(uint32_t slot, bool made);
-void batch_send(uint32_t slot);
+/* cyclone.c: the beginning and the end of the making of a publisher, which over Cyclone DDS may keep
+ * messages back from then on; the sending of what it keeps; whether it is one of Cyclone's, and its
+ * GUID there, or false. */
+void cyclone_begin(void);
+void cyclone_end(uint32_t slot, bool made);
+void cyclone_flush(uint32_t slot);
+bool cyclone_made(uint32_t slot);
+bool cyclone_guid(uint32_t slot, uint8_t guid[GID_BYTES]);
 
 /* endpoints.c */
 const void *subscription_handle(uint32_t slot);

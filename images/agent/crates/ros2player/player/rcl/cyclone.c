@@ -1,6 +1,6 @@
-/* Several messages in one datagram, over Cyclone DDS: each datagram costs a way through the kernel, and
- * wakes a thread of the reader. rmw_cyclonedds has no such setting, so its call for a writer is taken
- * on its way: what a program itself defines is found before what libraries do. */
+/* What rmw_cyclonedds has no call for: several messages in one datagram, each of which costs a way
+ * through the kernel and wakes a thread of the reader; and a publisher's GUID. Its call for a writer is
+ * taken on its way: what a program itself defines is found before what libraries do. */
 #define _GNU_SOURCE
 #include <dlfcn.h>
 
@@ -11,13 +11,16 @@ typedef int32_t entity; /* negative: an error */
 typedef entity create_writer(entity parent, entity topic, const void *qos, const void *listener);
 typedef void set_batch(bool enable);
 typedef void write_flush(entity writer);
+typedef int32_t get_guid(entity of, uint8_t guid[GID_BYTES]);
 
 #define FAILED (-1) /* DDS_RETCODE_ERROR */
 
 static _Thread_local bool making;
 static _Thread_local entity last; /* 0: none */
-static entity writers[PLAYER_ENDPOINTS]; /* 0: it keeps nothing back */
-static write_flush *_Atomic flush; /* of the library that made them */
+static entity writers[PLAYER_ENDPOINTS]; /* 0: of another middleware */
+/* Of the library that made them; NULL: it has no such function. */
+static write_flush *_Atomic flush;
+static get_guid *_Atomic guid_of;
 
 /* The library that holds an address, as the process has it. */
 static void *library_of(void *address) {
@@ -35,42 +38,48 @@ static create_writer *find_create(void *caller) {
   return (create_writer *)(found != NULL ? found : dlsym(RTLD_NEXT, "dds_create_writer"));
 }
 
-/* Whether writers that a library makes can keep messages back, and how they are sent then. */
-static bool find_batches(create_writer *of, set_batch **batch, write_flush **sends) {
+/* Finds what the library of writers has for them; whether these can keep messages back. */
+static set_batch *find_rest(create_writer *of) {
   void *library = library_of((void *)of);
-  if (library == NULL) return false;
-  *batch = (set_batch *)dlsym(library, "dds_write_set_batch");
-  *sends = (write_flush *)dlsym(library, "dds_write_flush");
+  if (library == NULL) return NULL;
+  set_batch *batch = (set_batch *)dlsym(library, "dds_write_set_batch");
+  write_flush *sends = (write_flush *)dlsym(library, "dds_write_flush");
+  guid_of = (get_guid *)dlsym(library, "dds_get_guid");
   dlclose(library);
-  return *batch != NULL && *sends != NULL;
+  flush = batch == NULL ? NULL : sends;
+  return flush == NULL ? NULL : batch;
 }
 
 __attribute__((visibility("default"))) entity dds_create_writer(entity parent, entity topic,
                                                                 const void *qos,
                                                                 const void *listener) {
   create_writer *create = find_create(__builtin_return_address(0));
-  set_batch *batch;
-  write_flush *sends;
   if (create == NULL) return FAILED;
-  if (!making || !find_batches(create, &batch, &sends)) return create(parent, topic, qos, listener);
+  if (!making) return create(parent, topic, qos, listener);
+  set_batch *batch = find_rest(create);
   /* It is for writers that are made from now on, and no writer of others is made meanwhile. */
-  batch(true);
+  if (batch != NULL) batch(true);
   last = create(parent, topic, qos, listener);
-  batch(false);
-  flush = sends;
+  if (batch != NULL) batch(false);
   return last;
 }
 
-void batch_begin(void) {
+void cyclone_begin(void) {
   making = true;
   last = 0;
 }
 
-void batch_end(uint32_t slot, bool made) {
+void cyclone_end(uint32_t slot, bool made) {
   making = false;
   writers[slot] = made && last > 0 ? last : 0;
 }
 
-void batch_send(uint32_t slot) {
-  if (writers[slot] != 0) flush(writers[slot]);
+void cyclone_flush(uint32_t slot) {
+  if (writers[slot] != 0 && flush != NULL) flush(writers[slot]);
+}
+
+bool cyclone_made(uint32_t slot) { return writers[slot] != 0; }
+
+bool cyclone_guid(uint32_t slot, uint8_t guid[GID_BYTES]) {
+  return guid_of != NULL && guid_of(writers[slot], guid) == 0;
 }

@@ -1,0 +1,118 @@
+#include "origin.h"
+
+#include <errno.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <string.h>
+
+#include "attach.h"
+#include "next.h"
+
+/* Publishers of which the key is kept; beyond, it is asked for at each message. */
+#define HANDLES 1024u
+
+/* FNV-1a, as the reader has it (src/own.rs). No key is 0. */
+static uint64_t key_of(const uint8_t gid[16]) {
+  uint64_t key = 0xcbf29ce484222325ull;
+  for (int byte = 0; byte < 16; byte++) key = (key ^ gid[byte]) * 0x100000001b3ull;
+  return key == 0 ? 1 : key;
+}
+
+static bool is_own(struct ledger *ledger, uint64_t key) {
+  for (uint32_t step = 0; step < LEDGER_OWN; step++) {
+    uint64_t found = atomic_load(&ledger->own[(key + step) % LEDGER_OWN]);
+    if (found == key) return true;
+    if (found == 0) return false;
+  }
+  return false;
+}
+
+/* rmw_cyclonedds gives a message the handle that this process has of its publisher. Only the middleware
+ * knows which publisher that is. */
+#define CYCLONE "rmw_cyclonedds_cpp"
+
+/* How the C library of Cyclone DDS describes a publisher. */
+struct publication {
+  uint8_t guid[16];
+};
+typedef struct publication *get_publication(int32_t reader, uint64_t handle);
+typedef void free_publication(struct publication *);
+
+static struct {
+  _Atomic uint64_t handle; /* 0: free */
+  _Atomic uint64_t key;    /* 0: not known yet */
+} known[HANDLES];
+
+static void *cyclone(const char *name) {
+  /* Its libraries are those of the implementation, however these were loaded. */
+  void *found = next_function(name, "lib" CYCLONE ".so");
+  return found != NULL ? found : next_function(name, "librmw_implementation.so");
+}
+
+/* 0 if the middleware does not know it, as when the publisher has left. */
+static uint64_t ask(int32_t reader, uint64_t handle) {
+  static get_publication *_Atomic getter;
+  static free_publication *_Atomic freer;
+  get_publication *get = atomic_load(&getter);
+  free_publication *give_back = atomic_load(&freer);
+  if (get == NULL || give_back == NULL) {
+    get = (get_publication *)cyclone("dds_get_matched_publication_data");
+    give_back = (free_publication *)cyclone("dds_builtintopic_free_endpoint");
+    if (get == NULL || give_back == NULL) return 0;
+    atomic_store(&getter, get);
+    atomic_store(&freer, give_back);
+  }
+  struct publication *found = get(reader, handle);
+  if (found == NULL) return 0;
+  uint64_t key = key_of(found->guid);
+  give_back(found);
+  return key;
+}
+
+/* No entry is given to another handle, so that what is read of one belongs together. */
+static uint64_t key_of_handle(int32_t reader, uint64_t handle) {
+  if (handle == 0) return 0;
+  for (uint32_t step = 0; step < HANDLES; step++) {
+    uint32_t at = (uint32_t)((handle + step) % HANDLES);
+    uint64_t has = atomic_load(&known[at].handle);
+    if (has == handle) {
+      uint64_t key = atomic_load(&known[at].key);
+      return key != 0 ? key : ask(reader, handle);
+    }
+    if (has != 0) continue;
+    uint64_t key = ask(reader, handle);
+    if (key != 0 && atomic_compare_exchange_strong(&known[at].handle, &has, handle))
+      atomic_store(&known[at].key, key);
+    return key;
+  }
+  return ask(reader, handle);
+}
+
+void origin_forget(void) { memset(known, 0, sizeof known); }
+
+/* An entity's number is what an endpoint's data begins with in each distribution; of what is none, the
+ * middleware knows no publisher. */
+static uint64_t key_in_cyclone(const struct endpoint_head *subscription,
+                               const struct message_info *info) {
+  int32_t reader;
+  uint64_t handle;
+  if (subscription->data == NULL) return 0;
+  memcpy(&reader, subscription->data, sizeof reader);
+  memcpy(&handle, info->gid, sizeof handle);
+  return key_of_handle(reader, handle);
+}
+
+enum origin origin_of(const struct endpoint_head *subscription, const struct message_info *info) {
+  uint32_t entry;
+  struct ledger *ledger = attached(&entry);
+  /* The same text at the same place: otherwise it begins in another way. */
+  bool says = ledger != NULL && info != NULL && info->implementation != NULL &&
+              info->implementation == subscription->implementation;
+  if (!says) return ORIGIN_UNKNOWN;
+  int kept = errno;
+  bool in_cyclone = strcmp(info->implementation, CYCLONE) == 0;
+  uint64_t key = in_cyclone ? key_in_cyclone(subscription, info) : key_of(info->gid);
+  errno = kept;
+  if (key == 0) return ORIGIN_UNKNOWN;
+  return is_own(ledger, key) ? ORIGIN_OWN : ORIGIN_OTHER;
+}
