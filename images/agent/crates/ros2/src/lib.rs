@@ -30,6 +30,7 @@ mod recording;
 mod seen;
 mod stamp;
 mod stillness;
+mod subscriptions;
 mod topic;
 
 pub use middleware::Ros2;

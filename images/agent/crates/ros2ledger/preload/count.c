@@ -118,10 +118,10 @@ void count_take(const void *subscription, uint64_t messages, uint64_t begun, enu
   if (!self.has_end) meet_thread();
   self.took = slot;
   self.in_hand = messages;
-  /* Before all that were taken: of these, a reader finds no more than there are. */
+  uint64_t taken = atomic_fetch_add(&endpoint->taken, messages) + messages;
+  /* Behind all: who reads these first finds no more of them than were taken. */
   if (origin == ORIGIN_OWN) atomic_fetch_add(&endpoint->taken_own, messages);
   if (origin == ORIGIN_UNKNOWN) atomic_fetch_add(&endpoint->taken_unknown, messages);
-  uint64_t taken = atomic_fetch_add(&endpoint->taken, messages) + messages;
   if (taken >= atomic_load(&endpoint->wake_from)) changed(atomic_load(&attach_ledger), EVENT_TAKEN);
 }
 

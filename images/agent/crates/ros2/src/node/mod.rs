@@ -62,6 +62,8 @@ impl Graph {
             patience: Mutex::new(options.stall),
             watching: AtomicBool::new(true),
         });
+        // Those of a case before.
+        ledger.disown_all();
         let inputs = Arc::new(Inputs::default());
         let receiving = Receiving::start(&inputs, &means, sink).map_err(failed)?;
         inputs.lives.follow(&means.player, active)?;
@@ -106,6 +108,9 @@ impl Node for Graph {
         }
         let publisher = self.means.player.advertise(&info.topic, &info.datatype, &played);
         let (means, publisher) = (Arc::clone(&self.means), publisher.map_err(failed)?);
+        if let Some(gid) = means.player.gid(publisher) {
+            self.ledger().own(&gid).map_err(failed)?;
+        }
         let topic = Arc::new(Topic::new(means, info, publisher, played, otherwise));
         self.topics().push(Arc::clone(&topic));
         Ok(topic)

@@ -85,7 +85,7 @@ impl Graph {
         all.filter(|node| **node != self.name)
     }
 
-    /// What nobody compared or could separate, as nodes publish that do not count.
+    /// What nobody compared or could separate.
     pub(super) fn uncounted(&self) -> Vec<String> {
         let Ok(endpoints) = self.ledger().endpoints() else { return Vec::new() };
         let mut remarks = Vec::new();
@@ -100,25 +100,10 @@ impl Graph {
             }));
         }
         for topic in self.topics().iter() {
-            remarks.extend(topic.mixed().into_iter().map(|node| {
+            remarks.extend(topic.mixed(&endpoints).into_iter().map(|node| {
                 format!(
-                    "the stack publishes {} too, and {node} may have had messages of that to take \
-                     when ours began, so that what it got of ours can't be known",
-                    topic.info().topic
-                )
-            }));
-            remarks.extend(topic.beside_late().into_iter().map(|node| {
-                format!(
-                    "the stack began to publish {} too when {node} was counted already, or before \
-                     it knew that, and what of that has not reached it is not known, so that what it \
-                     got of ours can't be known",
-                    topic.info().topic
-                )
-            }));
-            remarks.extend(topic.uncounted(&endpoints).into_iter().map(|node| {
-                format!(
-                    "{node} publishes {} too, in a process that does not count, so that what its \
-                     subscribers got of ours can't be known",
+                    "the stack publishes {} too, and the middleware of {node} does not say whose \
+                     messages it takes, so that what it got of ours can't be known",
                     topic.info().topic
                 )
             }));

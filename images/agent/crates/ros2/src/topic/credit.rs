@@ -4,7 +4,8 @@ use std::collections::VecDeque;
 
 use bagpipe_graph::Share;
 
-use crate::link::{MOST_WAITING, Totals};
+use crate::link::Totals;
+use crate::subscriptions::MOST_WAITING;
 
 /// Bytes that may be on their way to a subscriber: with more in flight of large messages a
 /// middleware that fragments them gets slower, not faster (measured with Cyclone DDS).

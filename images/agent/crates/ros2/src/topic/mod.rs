@@ -1,6 +1,5 @@
 //! A topic that is played: its subscribers, and the credit that they give.
 
-mod backlog;
 mod credit;
 mod look;
 mod sending;
@@ -19,7 +18,6 @@ use crate::link::{Link, Totals};
 use crate::qos::incompatible;
 pub(crate) use look::Look;
 
-use backlog::Backlog;
 use credit::Sent;
 use look::Owner;
 use subscribers::Absence;
@@ -51,8 +49,6 @@ pub(crate) struct Topic {
     links: RwLock<Arc<Vec<Arc<Link>>>>,
     /// Subscriptions that have not matched yet: since when they are known.
     strangers: Mutex<BTreeMap<Owner, Instant>>,
-    /// Nodes for which messages of the stack's own may still wait from before the play.
-    backlogs: Mutex<BTreeMap<Owner, Backlog>>,
     /// Nodes that have destroyed their subscriptions: they may be about to make others.
     departed: Mutex<BTreeMap<Owner, Absence>>,
     sent: Mutex<Sent>,
@@ -80,7 +76,6 @@ impl Topic {
             otherwise,
             links: RwLock::default(),
             strangers: Mutex::default(),
-            backlogs: Mutex::default(),
             departed: Mutex::default(),
             sent: Mutex::default(),
             looked: Mutex::default(),
@@ -103,31 +98,19 @@ impl Topic {
         others.extend(nodes.cloned());
     }
 
-    /// Nodes that publish it in processes that do not count: what its subscribers take of them
-    /// can't be separated from ours.
-    pub(crate) fn uncounted(&self, endpoints: &[Endpoint]) -> Vec<String> {
+    /// Whether nodes publish it in processes that do not count.
+    pub(crate) fn has_uncounted(&self, endpoints: &[Endpoint]) -> bool {
         let others = self.others.lock().unwrap_or_else(PoisonError::into_inner);
-        uncounted(&self.info.topic, &others, endpoints)
+        !uncounted(&self.info.topic, &others, endpoints).is_empty()
     }
 
     /// The nodes of which it is not known what they got of ours, as they may have taken messages of
     /// the stack's own in their place.
-    pub(crate) fn mixed(&self) -> Vec<String> {
-        self.nodes(|link| link.is_mixed() && !self.may_lack_another_s(link))
-    }
-
-    /// The nodes of which it is not known what they got of ours, as they may lack what somebody else
-    /// published who came late.
-    pub(crate) fn beside_late(&self) -> Vec<String> {
-        self.nodes(|link| self.may_lack_another_s(link))
-    }
-
-    fn may_lack_another_s(&self, link: &Link) -> bool {
-        link.may_lack_another_s(&self.means.ledger).unwrap_or(true)
-    }
-
-    fn nodes(&self, of: impl Fn(&Link) -> bool) -> Vec<String> {
-        self.links().iter().filter(|link| of(link)).map(|link| link.node.clone()).collect()
+    pub(crate) fn mixed(&self, endpoints: &[Endpoint]) -> Vec<String> {
+        let uncounted = self.has_uncounted(endpoints);
+        let is_mixed =
+            |link: &Arc<Link>| link.is_mixed(&self.means.ledger, uncounted).unwrap_or(true);
+        self.links().iter().filter(|link| is_mixed(link)).map(|link| link.node.clone()).collect()
     }
 
     fn links(&self) -> Arc<Vec<Arc<Link>>> {

@@ -155,15 +155,18 @@ impl Topic {
         }
     }
 
-    /// Takes in how far somebody is who is waited for. Fails if it has stopped; what another may have
-    /// published in place of what seems to lack is not waited for any more.
+    /// Takes in how far somebody is who is waited for. Fails if it has stopped; what another publisher has
+    /// overwritten is not waited for any more.
     fn may_wait_for(&self, link: &Link, progress: &mut Progress) -> Result<(), SendError> {
         let (ledger, failed) = (&self.means.ledger, |error: LedgerError| failed(&error));
         let (done, all) = (done(link, ledger), link.taken_of_all(ledger).map_err(failed)?);
         let waited = progress.look(Instant::now(), done.map_err(failed)?, all);
         let stalled = waited >= self.means.stall;
-        let unknown = link.patience().is_some_and(|patience| waited >= patience);
-        if (stalled || (unknown && all > progress.all)) && link.write_off(ledger).map_err(failed)? {
+        let patience = link.patience(ledger).map_err(failed)?;
+        let is_lost = patience.is_some_and(|(patience, others)| {
+            waited >= patience && all.saturating_sub(progress.all) >= others
+        });
+        if (stalled || is_lost) && link.write_off(ledger).map_err(failed)? {
             *progress = Progress::default();
         } else if stalled {
             let (node, topic) = (link.node.clone(), self.info.topic.clone());
@@ -196,7 +199,7 @@ impl Progress {
 }
 
 /// A figure that grows with each message of ours that is taken or done with. With one of the stack's own
-/// it goes down and comes back.
+/// it goes down for a moment.
 fn done(link: &Link, ledger: &Ledger) -> Result<i128, LedgerError> {
     let taken = i128::from(link.taken(ledger)?.unwrap_or(0));
     Ok(2 * taken - i128::from(link.in_hand(ledger)?))

@@ -9,18 +9,15 @@ use bagpipe_graph::{Cancelled, PacedBy, SendError};
 use bagpipe_ros2ledger::{Endpoint, Event, Kind, Ledger, LedgerError};
 
 use super::Topic;
-use super::backlog::{Backlog, stand};
 use super::look::{Look, Owner};
 use super::sending::failed;
-use crate::link::{Baseline, Link, Subscriptions, Totals};
+use crate::link::{Link, Totals};
 use crate::qos::{incompatible, reaches};
 use crate::stillness::counted;
+use crate::subscriptions::Subscriptions;
 
 /// A subscription whose process has not reported for so long whom it knows is believed to know us.
 const UNREPORTED: Duration = Duration::from_secs(2);
-/// How long a subscription is waited for at most that may have messages of the stack's own to take, where
-/// a look takes so long that little of that time counts.
-const RESTLESS: Duration = Duration::from_secs(10);
 /// How long we may take to know a subscription in place of another of the same node, at which the
 /// number that we know stays the same. Fast DDS was measured to take up to 0.24 s.
 const RENEWED: Duration = Duration::from_millis(300);
@@ -60,8 +57,11 @@ impl Topic {
         let missed = now.since(*looked);
         *looked = now;
         let mut nodes = look.subscriptions(&self.info.topic);
-        // Who asks for more than we offer gets nothing, and has nothing to be waited for.
-        nodes.retain(|_, subscriptions| subscriptions.iter().any(|one| self.reaches(one)));
+        // What asks for more than we offer gets nothing, and has nothing to be waited for.
+        nodes.retain(|_, subscriptions| {
+            subscriptions.retain(|one| self.reaches(one));
+            !subscriptions.is_empty()
+        });
         self.learn_publishers(&look.endpoints);
         self.strangers().retain(|owner, _| nodes.contains_key(owner));
         let mut links = Vec::clone(&self.links());
@@ -70,9 +70,6 @@ impl Topic {
             let owner = (counted.process, link.node.clone());
             let there = nodes.get(&owner).map(Vec::as_slice).unwrap_or_default();
             let others = link.replace(there, &self.means.ledger)?;
-            if others {
-                self.backlogs().remove(&owner);
-            }
             if there.is_empty() && link.is_open() && look.running.contains(&owner.0) {
                 self.departed().insert(owner, Absence::begin());
             }
@@ -108,14 +105,12 @@ impl Topic {
         (look, missed): (&Look, Totals),
     ) -> Result<(), LedgerError> {
         let known = links.iter().rev().find(|link| link.is_of(owner)).cloned();
-        let begun = self.sent().totals.messages() > 0;
-        if let Some(link) = known.as_ref().filter(|link| link.is_open()) {
-            return if begun { Ok(()) } else { self.count_again(link, owner, subscriptions, look) };
+        if known.as_ref().is_some_and(|link| link.is_open()) {
+            return Ok(());
         }
+        let begun = self.sent().totals.messages() > 0;
         let at_once = begun && self.means.paced_by == PacedBy::Schedule;
-        let baseline = self.baseline(owner, subscriptions, look, begun)?;
-        let waits = baseline.mixed && known.is_none() && !begun;
-        if !at_once && !self.knows_us(owner, subscriptions, look, (known.is_some(), waits)) {
+        if !at_once && !self.knows_us(owner, subscriptions, look, known.is_some()) {
             return Ok(());
         }
         let missed = if at_once { missed } else { Totals::default() };
@@ -123,85 +118,17 @@ impl Topic {
             link.open(missed);
             return Ok(());
         }
-        let counted = Subscriptions::new(subscriptions, baseline);
+        let is_known = self.means.player.gid(self.publisher).is_some();
+        let counted = Subscriptions::new(subscriptions, &self.means.ledger, (is_known, begun))?;
         let name = self.named(links, &owner.1);
         links.push(self.link(name, counted, missed));
+        self.learn_publishers(&look.endpoints);
         Ok(())
-    }
-
-    /// Before the play: a node that may have messages of the stack's own to take, or beside which somebody
-    /// has come who publishes the topic too, is counted from where it has none and all know each other.
-    /// Until then it keeps its link, and at the subscribers' pace the play waits.
-    fn count_again(
-        &self,
-        link: &Link,
-        owner: &Owner,
-        subscriptions: &[&Endpoint],
-        look: &Look,
-    ) -> Result<(), LedgerError> {
-        let late = link.is_beside_late();
-        if !late && !link.is_mixed() {
-            return Ok(());
-        }
-        if late && !self.strangers().contains_key(owner) {
-            self.backlogs().remove(owner);
-        }
-        let baseline = self.baseline(owner, subscriptions, look, false)?;
-        let counts = match late {
-            true => self.knows_us(owner, subscriptions, look, (false, baseline.mixed)),
-            false => !baseline.mixed,
-        };
-        if counts {
-            link.count_from(baseline);
-        }
-        Ok(())
-    }
-
-    /// Where a node's messages are counted from. Once the play has `begun` a new subscription has taken
-    /// nothing of before, and what of the stack's own it took since is not known.
-    fn baseline(
-        &self,
-        owner: &Owner,
-        subscriptions: &[&Endpoint],
-        look: &Look,
-        begun: bool,
-    ) -> Result<Baseline, LedgerError> {
-        let now = Instant::now();
-        let mut publishers = self.publishers(&look.endpoints);
-        publishers.retain(|from| subscriptions.iter().any(|to| reaches(&from.qos, &to.qos)));
-        let (found, stand) = stand(&self.means.ledger, look, subscriptions, &publishers)?;
-        let found = Baseline { unmet: self.is_unmet(subscriptions, look), ..found };
-        if begun {
-            let taken = found.taken.into_iter().map(|(id, _)| (id, 0)).collect();
-            let mixed = found.others.values().any(|published| *published > 0);
-            return Ok(Baseline { taken, mixed, ..found });
-        }
-        let mut backlogs = self.backlogs();
-        let backlog = backlogs.entry(owner.clone()).or_default();
-        Ok(Baseline { mixed: !backlog.look(now, stand), ..found })
     }
 
     /// Whether a subscription may receive what is played.
     fn reaches(&self, subscription: &Endpoint) -> bool {
         incompatible(&self.qos, &subscription.qos).is_none()
-    }
-
-    /// Whether a publisher that reaches some of these knows fewer subscriptions than it reaches, by its own
-    /// report.
-    fn is_unmet(&self, subscriptions: &[&Endpoint], look: &Look) -> bool {
-        let reaches = |from: &Endpoint, to: &Endpoint| reaches(&from.qos, &to.qos);
-        let mut publishers = look.there(Kind::Publisher, &self.info.topic);
-        publishers.any(|from| {
-            let there = look.there(Kind::Subscription, &self.info.topic);
-            let reached = there.filter(|to| reaches(from, to)).count();
-            from.matched.is_some_and(|known| (known as usize) < reached)
-                && subscriptions.iter().any(|to| reaches(from, to))
-        })
-    }
-
-    /// Whether a node is still waited for that may have messages of the stack's own to take.
-    fn may_come_to_rest(&self, owner: &Owner) -> bool {
-        self.backlogs().get(owner).is_some_and(|backlog| !backlog.is_given_up())
     }
 
     /// Whether a node is there that does not count, as somebody has found.
@@ -270,14 +197,13 @@ impl Topic {
 
     /// Whether all subscriptions of a node have matched us, as far as they report: they know more
     /// publishers than there are others, and we know all subscriptions that are there. Of a node
-    /// that is `known`, new ones know us from the beginning. One that `waits` may have messages of
-    /// before to take first.
+    /// that is `known`, new ones know us from the beginning.
     fn knows_us(
         &self,
         owner: &Owner,
         subscriptions: &[&Endpoint],
         look: &Look,
-        (known, waits): (bool, bool),
+        known: bool,
     ) -> bool {
         let there = look.there(Kind::Subscription, &self.info.topic);
         let there = there.filter(|one| self.reaches(one)).count();
@@ -295,23 +221,17 @@ impl Topic {
             true => since.elapsed() >= RENEWED,
             false => subscriptions.iter().all(reported),
         };
-        let unmet = !known && self.is_unmet(subscriptions, look);
-        if know_us && !waits && !unmet && known_to_us() == there as u64 {
+        if know_us && known_to_us() == there as u64 {
             strangers.remove(owner);
             return true;
         }
         // One of the others may be none that it can match.
         let some = |one: &&Endpoint| one.matched.is_none_or(|known| known > 0);
-        let given_up = !waits || !self.may_come_to_rest(owner);
-        since.elapsed() >= UNREPORTED && given_up && subscriptions.iter().all(some)
+        since.elapsed() >= UNREPORTED && subscriptions.iter().all(some)
     }
 
     fn strangers(&self) -> MutexGuard<'_, BTreeMap<Owner, Instant>> {
         self.strangers.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    fn backlogs(&self) -> MutexGuard<'_, BTreeMap<Owner, Backlog>> {
-        self.backlogs.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn departed(&self) -> MutexGuard<'_, BTreeMap<Owner, Absence>> {
@@ -321,17 +241,9 @@ impl Topic {
     /// Whether somebody is to be waited for who subscribes and does not know us yet, or has just left
     /// to subscribe again, and was not waited for in vain. By the clock nobody is.
     pub(super) fn has_strangers(&self) -> bool {
-        let begun = self.sent().totals.messages() > 0;
-        let links = self.links();
-        let rests_yet = |owner: &Owner| {
-            !begun && !links.iter().any(|link| link.is_of(owner)) && self.may_come_to_rest(owner)
-        };
-        let is_new = |(owner, since): (&Owner, &Instant)| {
-            let known_for = since.elapsed();
-            known_for < UNREPORTED + RENEWED || (known_for < RESTLESS && rests_yet(owner))
-        };
+        let is_new = |since: &Instant| since.elapsed() < UNREPORTED + RENEWED;
         self.means.paced_by == PacedBy::Subscribers
-            && (self.strangers().iter().any(is_new) || !self.departed().is_empty())
+            && (self.strangers().values().any(is_new) || !self.departed().is_empty())
     }
 
     /// Before a message goes out: whoever has begun to subscribe since the last one is noticed, and

@@ -1,0 +1,153 @@
+//! What is lost of ours beside what the stack publishes is counted as lost, and nothing else is.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use bagpipe_replay::{Mode, Progress, Stage, Strength};
+use bagpipe_ros2ledger::Kind;
+
+use crate::scene::{Ask, DEFAULT, Scene, recording, recording_of};
+use crate::standin::{Node, eventually};
+use crate::{LATCHED, OUT, RELIABLE, answered, counts, line, start_lane, start_other, strings};
+
+/// The line of a play in which so many were lost: of the last callbacks it is not known whether they
+/// have ended, as something is waited for.
+fn proved(sent: u64, lost: u64) -> (u64, u64, u64, Option<Strength>) {
+    (sent, sent - lost, lost, Some(Strength::Taken))
+}
+
+/// Waits until the node has taken all that waits for it.
+fn await_rest(scene: &Scene) {
+    scene.ledger.watch_matches(true);
+    let lane = || counts(scene, Kind::Subscription, "/lane", "/in");
+    let since = lane().seen_at + Duration::from_millis(100);
+    eventually(|| lane().seen_at > since && lane().rested == Some(lane().taken));
+}
+
+#[test]
+fn what_waited_of_the_stack_s_own_when_we_came_hides_no_loss_of_ours() {
+    let scene = Scene::new();
+    let queue = "/in:std_msgs/msg/String:100:reliable:transient_local";
+    let other = ["--name", "/other", "--pub", queue, "--burst", "100"];
+    let _other = scene.start("standin_node", &other);
+    scene.await_published("/in", 100);
+    let lane = ["--name", "/lane", "--relay", "/in=/out", "--answers-from", "60"];
+    let lane = [&lane[..], &["--delay-us", "8000", "--sub", queue], &OUT].concat();
+    let _lane = scene.start("standin_node", &lane);
+    let ask = Ask { mode: Mode::Realtime, ..DEFAULT };
+    let ledger = scene.play(&recording_of(&strings(LATCHED), 150, 60), &ask).unwrap().ledger;
+    await_rest(&scene);
+    let lost = 150 - answered(&scene);
+    assert!(lost > 0, "the node was too fast");
+    assert_eq!(line(&ledger), proved(150, lost));
+}
+
+/// A node that takes for 6 ms in each 100, as one that spins in a loop, until it is let go. It
+/// answers what is played, which is longer than what the stack publishes.
+struct Spinning {
+    _node: Arc<Node>,
+    over: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Spinning {
+    fn start(scene: &Scene, queue: &str) -> Spinning {
+        let lane = ["--name", "/lane", "--relay", "/in=/out", "--sub", queue];
+        let words = [&lane[..], &OUT, &["--answers-from", "60"]].concat();
+        let node = Arc::new(scene.start("standin_node", &words));
+        let over = Arc::new(AtomicBool::new(false));
+        let thread = std::thread::spawn({
+            let (node, over) = (Arc::clone(&node), Arc::clone(&over));
+            move || {
+                let mut next = Instant::now();
+                while !over.load(SeqCst) {
+                    node.signal("CONT");
+                    std::thread::sleep(Duration::from_millis(6));
+                    node.signal("STOP");
+                    next += Duration::from_millis(100);
+                    std::thread::sleep(next.saturating_duration_since(Instant::now()));
+                }
+                node.signal("CONT");
+            }
+        });
+        Spinning { _node: node, over, thread: Some(thread) }
+    }
+
+    /// From now on it takes whatever comes.
+    fn let_go(&mut self) {
+        self.over.store(true, SeqCst);
+        let _has_ended = self.thread.take().map(JoinHandle::join);
+    }
+}
+
+impl Drop for Spinning {
+    fn drop(&mut self) {
+        self.let_go();
+    }
+}
+
+#[test]
+fn what_comes_while_a_node_is_away_hides_no_loss_of_ours() {
+    let mut all_lost = 0;
+    for _again in 0..3 {
+        let scene = Scene::new();
+        let mut lane = Spinning::start(&scene, "/in:std_msgs/msg/String:20:reliable");
+        let taken = || counts(&scene, Kind::Subscription, "/lane", "/in").taken;
+        let _other = start_other(&scene, &["--every-us", "10000"]);
+        eventually(|| taken() > 20);
+        let ask = Ask { mode: Mode::Realtime, drain: Duration::from_secs(1), ..DEFAULT };
+        let replayed = scene.play(&recording_of(&strings(RELIABLE), 300, 60), &ask).unwrap();
+        lane.let_go();
+        await_rest(&scene);
+        let lost = 300 - answered(&scene);
+        assert_eq!(line(&replayed.ledger), proved(300, lost));
+        all_lost += lost;
+    }
+    assert!(all_lost > 0, "the node was too fast");
+}
+
+#[test]
+fn what_another_overwrites_is_counted_and_not_waited_for_as_long_as_who_has_stopped() {
+    let scene = Scene::new();
+    let _lane = start_lane(&scene, "1", &["--delay-us", "3000"]);
+    let _other = start_other(&scene, &["--every-us", "2000"]);
+    scene.await_offered("/in", 5);
+    // As many waits of so long would outlast the case.
+    let ask = Ask { mode: Mode::Lockstep, drain: Duration::from_secs(20), ..DEFAULT };
+    let replayed = scene.play(&recording_of(&strings(RELIABLE), 30, 60), &ask).unwrap();
+    let lost = 30 - answered(&scene);
+    assert!(lost > 0, "the other was too slow");
+    assert_eq!(line(&replayed.ledger), proved(30, lost));
+}
+
+#[test]
+fn a_node_keeps_its_line_where_somebody_comes_who_publishes_just_before_the_first_message() {
+    let scene = Scene::new();
+    let lossy = ["--name", "/lossy", "--delay-us", "20000"];
+    let lossy = [&lossy[..], &["--sub", "/in:sensor_msgs/msg/Imu:1:reliable"]].concat();
+    let _lossy = scene.start("standin_node", &lossy);
+    let fine = ["--name", "/fine", "--relay", "/two=/out"];
+    let fine = [&fine[..], &["--sub", "/two:sensor_msgs/msg/Imu:1000:reliable"], &OUT].concat();
+    let _fine = scene.start("standin_node", &fine);
+    let mut other = None;
+    let mut seen = |progress: Progress| {
+        if progress.stage == Stage::Play && other.is_none() {
+            let words = ["--name", "/other", "--pub", "/in:sensor_msgs/msg/Imu:10:reliable"];
+            let words = [&words[..], &["--burst", "0"]].concat();
+            other = Some(scene.start("standin_node", &words));
+            eventually(|| {
+                let all = scene.ledger.endpoints().unwrap();
+                all.iter().any(|one| one.node == "/other" && one.kind == Kind::Publisher)
+            });
+        }
+    };
+    let ask = Ask { mode: Mode::Realtime, drain: Duration::from_secs(1), ..DEFAULT };
+    let recording = recording(&["/in", "/two"], 200, 60);
+    let ledger = scene.play_while(&recording, &ask, &mut seen).unwrap().ledger;
+    let line = &ledger.topics[0].subscribers[0];
+    assert_eq!((ledger.sent, line.node.as_str()), (200, "/lossy"), "{ledger:?}");
+    let lost = 100 - counts(&scene, Kind::Subscription, "/lossy", "/in").taken;
+    assert_eq!((line.strength, line.dropped), (Strength::Taken, lost));
+}

@@ -1,0 +1,94 @@
+//! Who has stopped is named, whatever others take and publish meanwhile.
+
+use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
+use std::time::Duration;
+
+use bagpipe_replay::{Mode, Progress, Stage};
+use bagpipe_ros2ledger::Kind;
+
+use crate::scene::{Ask, DEFAULT, Scene, recording_of};
+use crate::standin::eventually;
+use crate::{RELIABLE, counts, start_lane, start_other, strings};
+
+#[test]
+fn who_has_stopped_beside_another_publisher_is_named() {
+    let scene = Scene::new();
+    let lane = start_lane(&scene, "1000", &["--delay-us", "3000"]);
+    let _other = start_other(&scene, &["--burst", "5"]);
+    scene.await_published("/in", 5);
+    let mut seen = |progress: Progress| {
+        if progress.stage == Stage::Play && progress.sent > 0 {
+            lane.signal("STOP");
+        }
+    };
+    let ask = Ask { mode: Mode::Lockstep, drain: Duration::from_secs(1), ..DEFAULT };
+    let played = recording_of(&strings(RELIABLE), 400, 60);
+    let error = scene.play_while(&played, &ask, &mut seen).unwrap_err();
+    assert_eq!(error.reason(), "StackStoppedReading");
+}
+
+/// Plays messages to a node and to one that stops in the midst, beside another publisher, if there is
+/// one; how that failed.
+fn beside_who_stops(sleeper: &[&str], mode: Mode, other: bool) -> String {
+    let scene = Scene::new();
+    let _lane = start_lane(&scene, "100", &[]);
+    let queue = ["--name", "/sleeper", "--sub", "/in:std_msgs/msg/String:10:reliable"];
+    let sleeper = scene.start("standin_node", &[&queue[..], sleeper].concat());
+    let _other = other.then(|| {
+        let other = start_other(&scene, &["--every-us", "50000"]);
+        scene.await_published("/in", 2);
+        other
+    });
+    let ask = Ask { mode, drain: Duration::from_secs(1), ..DEFAULT };
+    let played = recording_of(&strings(RELIABLE), 1000, 60);
+    let replayed = std::thread::scope(|scope| {
+        scope.spawn(|| {
+            let taken = || counts(&scene, Kind::Subscription, "/sleeper", "/in").taken;
+            eventually(|| taken() > 20);
+            sleeper.signal("STOP");
+        });
+        scene.play(&played, &ask).map(|replayed| replayed.ledger)
+    });
+    replayed.unwrap_err().to_string()
+}
+
+#[test]
+fn who_has_stopped_is_named_though_others_take_what_another_publishes() {
+    let name = "the node /sleeper has taken nothing";
+    for (sleeper, mode, other) in [
+        (["--delay-us", "3000"], Mode::Max, false),
+        (["--delay-us", "3000"], Mode::Max, true),
+        (["--delay-us", "3000"], Mode::Lockstep, true),
+        // Within its callback.
+        (["--delay-us", "40000"], Mode::Lockstep, true),
+    ] {
+        let why = beside_who_stops(&sleeper, mode, other);
+        assert!(why.contains(name), "{sleeper:?} {mode:?} {other}: {why}");
+    }
+}
+
+#[test]
+fn who_has_stopped_is_named_though_another_comes_and_goes() {
+    let scene = Scene::new();
+    let queue = "/in:std_msgs/msg/String:10:reliable";
+    let sleeper = ["--name", "/sleeper", "--sub", queue, "--delay-us", "3000"];
+    let sleeper = scene.start("standin_node", &sleeper);
+    let ask = Ask { mode: Mode::Max, drain: Duration::from_secs(4), ..DEFAULT };
+    let over = AtomicBool::new(false);
+    let why = std::thread::scope(|scope| {
+        scope.spawn(|| {
+            eventually(|| counts(&scene, Kind::Subscription, "/sleeper", "/in").taken > 20);
+            sleeper.signal("STOP");
+            while !over.load(SeqCst) {
+                // More often than is waited for who has stopped.
+                let _comes = scene.start("standin_node", &["--name", "/comes", "--sub", queue]);
+                std::thread::sleep(Duration::from_secs(3));
+            }
+        });
+        let played = recording_of(&strings(RELIABLE), 1000, 60);
+        let replayed = scene.play(&played, &ask).map(|replayed| replayed.ledger);
+        over.store(true, SeqCst);
+        replayed.unwrap_err().to_string()
+    });
+    assert!(why.contains("the node /sleeper has taken nothing"), "{why}");
+}

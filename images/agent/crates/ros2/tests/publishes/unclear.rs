@@ -1,0 +1,98 @@
+//! Where the middleware does not say whose messages a node takes: unproved beside another publisher, and
+//! as exact as ever where there is none.
+
+use std::time::Duration;
+
+use bagpipe_replay::{Mode, Progress, Replayed, Stage, Strength};
+
+use crate::scene::{Ask, DEFAULT, Scene, recording_of};
+use crate::{RELIABLE, answered, line, start_lane, start_other, strings, whole};
+
+const NONE: [&str; 2] = ["--origins", "none"];
+
+/// That it is not known what the node got, and why.
+fn assert_unproved(replayed: &Replayed, sent: u64) {
+    assert_eq!((replayed.ledger.sent, replayed.ledger.strength), (sent, Some(Strength::Sent)));
+    let expected = "the stack publishes /in too, and the middleware of /lane does not say whose \
+                    messages it takes, so that what it got of ours can't be known";
+    let warnings = &replayed.playback.warnings;
+    assert!(warnings.iter().any(|one| one == expected), "{warnings:?}");
+    assert!(!warnings.iter().any(|one| one.contains(" lost ")), "{warnings:?}");
+}
+
+#[test]
+fn where_nobody_else_publishes_all_is_known() {
+    let scene = Scene::new();
+    let _lane = start_lane(&scene, "10", &NONE);
+    for mode in [Mode::Max, Mode::Lockstep] {
+        let ask = Ask { mode, ..DEFAULT };
+        let replayed = scene.play(&recording_of(&strings(RELIABLE), 300, 60), &ask).unwrap();
+        assert_eq!(line(&replayed.ledger), whole(300), "{mode:?}");
+    }
+}
+
+#[test]
+fn nothing_is_proved_beside_another_publisher() {
+    for mode in [Mode::Max, Mode::Lockstep] {
+        let scene = Scene::new();
+        let _lane = start_lane(&scene, "10", &NONE);
+        let _other = start_other(&scene, &["--every-us", "20000"]);
+        scene.await_offered("/in", 5);
+        let ask = Ask { mode, drain: Duration::from_secs(5), ..DEFAULT };
+        let replayed = scene.play(&recording_of(&strings(RELIABLE), 50, 60), &ask).unwrap();
+        assert_unproved(&replayed, 50);
+    }
+}
+
+#[test]
+fn nor_beside_one_that_begins_to_publish_uncounted() {
+    let scene = Scene::new();
+    let _lane = start_lane(&scene, "1000", &NONE);
+    let mut other = None;
+    let looks = scene.graph.player();
+    let is_there = || looks.graph().unwrap().iter().any(|node| node.name == "/other");
+    let mut seen = |progress: Progress| {
+        if progress.stage == Stage::Play && other.is_none() {
+            let queue = "/in:std_msgs/msg/String:1000:reliable";
+            let words = ["--name", "/other", "--pub", queue, "--burst", "1"];
+            other = Some(scene.start_uncounted("standin_node", &words));
+            crate::standin::eventually(is_there);
+        }
+    };
+    let ask = Ask { mode: Mode::Realtime, drain: Duration::from_secs(2), ..DEFAULT };
+    let played = recording_of(&strings(RELIABLE), 700, 60);
+    let replayed = scene.play_while(&played, &ask, &mut seen).unwrap();
+    assert_unproved(&replayed, 700);
+}
+
+#[test]
+fn what_one_lost_that_came_late_is_waited_for_once() {
+    let scene = Scene::new();
+    let _lane = start_lane(&scene, "1000", &[&NONE[..], &["--delay-us", "3000"]].concat());
+    let mut other = None;
+    let mut seen = |progress: Progress| {
+        if progress.stage == Stage::Play && progress.sent > 0 && other.is_none() {
+            // It publishes before it knows anybody.
+            other = Some(start_other(&scene, &["--burst", "50", "--every-us", "5000"]));
+            scene.await_published("/in", 50);
+        }
+    };
+    let ask = Ask { mode: Mode::Lockstep, drain: Duration::from_secs(1), ..DEFAULT };
+    let played = recording_of(&strings(RELIABLE), 400, 60);
+    let replayed = scene.play_while(&played, &ask, &mut seen).unwrap();
+    assert_unproved(&replayed, 400);
+    assert_eq!(answered(&scene), 400);
+}
+
+#[test]
+fn messages_with_their_publishers_gid_are_as_exact_as_those_with_a_handle() {
+    let scene = Scene::new();
+    let _lane = start_lane(&scene, "10", &["--origins", "gid"]);
+    let _other = start_other(&scene, &["--every-us", "20000"]);
+    scene.await_offered("/in", 5);
+    for mode in [Mode::Max, Mode::Lockstep] {
+        let ask = Ask { mode, drain: Duration::from_secs(5), ..DEFAULT };
+        let replayed = scene.play(&recording_of(&strings(RELIABLE), 50, 60), &ask).unwrap();
+        assert_eq!(line(&replayed.ledger), whole(50), "{mode:?}");
+    }
+}
