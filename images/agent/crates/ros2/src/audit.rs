@@ -27,9 +27,8 @@ impl Audit for Reader {
             let name = &topic.info().topic;
             let Some(numbers) = links.get(name) else { continue };
             topic.learn_publishers(&endpoints);
-            let uncounted = topic.has_uncounted(&endpoints);
             for link in numbers.iter().filter_map(|number| topic.link_with(*number)) {
-                if link.is_mixed(&self.ledger, uncounted).map_err(failed)? {
+                if link.is_mixed(&self.ledger).map_err(failed)? {
                     continue;
                 }
                 if let Some(messages) = link.taken(&self.ledger).map_err(failed)? {

@@ -87,10 +87,10 @@ impl Link {
         Link { id, node, instance, counted, open, sent, last }
     }
 
-    /// Takes in which publishers of the topic the stack has by now.
-    pub(crate) fn learn(&self, publishers: &[&Endpoint]) {
+    /// Takes in which publishers of the topic the stack has by now ([`Subscriptions::learn`]).
+    pub(crate) fn learn(&self, publishers: &[&Endpoint], uncounted: bool) {
         if let Some(counted) = &self.counted {
-            counted.learn(publishers);
+            counted.learn(publishers, uncounted);
         }
     }
 
@@ -114,14 +114,9 @@ impl Link {
         self.node == *node && self.counted.as_ref().is_some_and(|one| one.process == *process)
     }
 
-    /// Whether what it takes of ours can't be distinguished from what it takes of the stack's own; of who
-    /// publishes without being counted too, where `uncounted`.
-    pub(crate) fn is_mixed(&self, ledger: &Ledger, uncounted: bool) -> Result<bool, LedgerError> {
-        let Some(counted) = &self.counted else { return Ok(false) };
-        match uncounted {
-            true => counted.take_unclear(ledger),
-            false => counted.are_mixed(ledger),
-        }
+    /// Whether what it takes of ours can't be distinguished from what it takes of the stack's own.
+    pub(crate) fn is_mixed(&self, ledger: &Ledger) -> Result<bool, LedgerError> {
+        self.counted.as_ref().map_or(Ok(false), |counted| counted.are_mixed(ledger))
     }
 
     /// Whether somebody publishes the topic beside us, or has done so.

@@ -188,8 +188,11 @@ impl Subscriptions {
         }
     }
 
-    /// Takes in which publishers of the topic the stack has by now.
-    pub(crate) fn learn(&self, publishers: &[&Endpoint]) {
+    /// Takes in which publishers of the topic the stack has by now, and whether there are `uncounted` ones,
+    /// of which it is not known what they reach.
+    pub(crate) fn learn(&self, publishers: &[&Endpoint], uncounted: bool) {
+        self.shared.fetch_or(uncounted, Ordering::Relaxed);
+        self.published.fetch_or(uncounted, Ordering::Relaxed);
         let reaches = |one: &&&Endpoint| {
             self.of_now(|now| now.wanted.iter().any(|wanted| reaches(&one.qos, wanted)))
         };
@@ -204,21 +207,14 @@ impl Subscriptions {
         self.shared.load(Ordering::Relaxed)
     }
 
-    /// Whether it is not known of some of what they took whose it was.
-    ///
-    /// # Errors
-    /// The ledger can't be read.
-    pub(crate) fn take_unclear(&self, ledger: &Ledger) -> Result<bool, LedgerError> {
-        let now = self.now.read().unwrap_or_else(PoisonError::into_inner);
-        Ok(now.unclear || self.each(&now, ledger)?.iter().any(|one| one.unclear > 0))
-    }
-
     /// Whether of what they took of ours some may be what the stack has published.
     ///
     /// # Errors
     /// The ledger can't be read.
     pub(crate) fn are_mixed(&self, ledger: &Ledger) -> Result<bool, LedgerError> {
-        Ok(self.published.load(Ordering::Relaxed) && self.take_unclear(ledger)?)
+        let now = self.now.read().unwrap_or_else(PoisonError::into_inner);
+        let unclear = now.unclear || self.each(&now, ledger)?.iter().any(|one| one.unclear > 0);
+        Ok(unclear && self.published.load(Ordering::Relaxed))
     }
 
     /// Messages of ours that each of them has taken.

@@ -1,5 +1,5 @@
-//! Which publishers are the reader's own, so that what a node takes of them can be told from what it
-//! takes of others.
+//! Which publishers are the reader's own: what a node takes of them counts apart from what it takes of
+//! others.
 
 use std::sync::atomic::Ordering::SeqCst;
 

@@ -100,7 +100,7 @@ impl Graph {
             }));
         }
         for topic in self.topics().iter() {
-            remarks.extend(topic.mixed(&endpoints).into_iter().map(|node| {
+            remarks.extend(topic.mixed().into_iter().map(|node| {
                 format!(
                     "the stack publishes {} too, and the middleware of {node} does not say whose \
                      messages it takes, so that what it got of ours can't be known",

@@ -99,18 +99,16 @@ impl Topic {
     }
 
     /// Whether nodes publish it in processes that do not count.
-    pub(crate) fn has_uncounted(&self, endpoints: &[Endpoint]) -> bool {
+    fn has_uncounted(&self, endpoints: &[Endpoint]) -> bool {
         let others = self.others.lock().unwrap_or_else(PoisonError::into_inner);
         !uncounted(&self.info.topic, &others, endpoints).is_empty()
     }
 
     /// The nodes of which it is not known what they got of ours, as they may have taken messages of
     /// the stack's own in their place.
-    pub(crate) fn mixed(&self, endpoints: &[Endpoint]) -> Vec<String> {
-        let uncounted = self.has_uncounted(endpoints);
-        let is_mixed =
-            |link: &Arc<Link>| link.is_mixed(&self.means.ledger, uncounted).unwrap_or(true);
-        self.links().iter().filter(|link| is_mixed(link)).map(|link| link.node.clone()).collect()
+    pub(crate) fn mixed(&self) -> Vec<String> {
+        let is_mixed = |link: &&Arc<Link>| link.is_mixed(&self.means.ledger).unwrap_or(true);
+        self.links().iter().filter(is_mixed).map(|link| link.node.clone()).collect()
     }
 
     fn links(&self) -> Arc<Vec<Arc<Link>>> {

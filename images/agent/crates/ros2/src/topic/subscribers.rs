@@ -181,8 +181,8 @@ impl Topic {
 
     /// Takes in whose messages its subscribers take beside ours.
     pub(crate) fn learn_publishers(&self, endpoints: &[Endpoint]) {
-        let publishers = self.publishers(endpoints);
-        self.links().iter().for_each(|link| link.learn(&publishers));
+        let (publishers, uncounted) = (self.publishers(endpoints), self.has_uncounted(endpoints));
+        self.links().iter().for_each(|link| link.learn(&publishers, uncounted));
     }
 
     fn link(

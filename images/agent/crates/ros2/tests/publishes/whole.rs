@@ -154,13 +154,21 @@ fn who_begins_to_publish_uncounted_makes_nothing_unproved() {
 
 #[test]
 fn what_another_publishes_overwrites_none_of_ours_at_the_subscribers_pace() {
-    let scene = Scene::new();
-    let _lane = start_lane(&scene, "10", &["--delay-us", "2000"]);
-    let _other = start_other(&scene, &["--every-us", "20000"]);
-    scene.await_offered("/in", 5);
-    let ask = Ask { mode: Mode::Max, ..DEFAULT };
-    let ledger = scene.play(&recording_of(&strings(RELIABLE), 1000, 60), &ask).unwrap().ledger;
-    assert_eq!((line(&ledger), answered(&scene)), (whole(1000), 1000));
+    for counted in [true, false] {
+        let scene = Scene::new();
+        let _lane = start_lane(&scene, "10", &["--delay-us", "2000"]);
+        let queue = "/in:std_msgs/msg/String:1000:reliable";
+        let other = ["--name", "/other", "--every-us", "20000", "--pub", queue];
+        let _other = match counted {
+            true => scene.start("standin_node", &other),
+            false => scene.start_uncounted("standin_node", &other),
+        };
+        let taken = || counts(&scene, Kind::Subscription, "/lane", "/in").taken;
+        eventually(|| taken() > 5);
+        let ask = Ask { mode: Mode::Max, ..DEFAULT };
+        let ledger = scene.play(&recording_of(&strings(RELIABLE), 1000, 60), &ask).unwrap().ledger;
+        assert_eq!((line(&ledger), answered(&scene)), (whole(1000), 1000), "{counted}");
+    }
 }
 
 #[test]
