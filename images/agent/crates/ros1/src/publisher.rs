@@ -8,7 +8,7 @@
 use std::collections::BTreeMap;
 use std::io::{ErrorKind, IoSlice, Write};
 use std::net::TcpStream;
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, MutexGuard, TryLockError};
 use std::time::{Duration, Instant};
 
 use bagpipe_graph::{
@@ -132,6 +132,18 @@ impl Publication {
         Ok(())
     }
 
+    /// The links, which somebody may hold who reads what was latched while he came.
+    fn links_unless(&self, cancelled: Cancelled<'_>) -> Result<MutexGuard<'_, Links>, SendError> {
+        loop {
+            match self.links.try_lock() {
+                Ok(links) => return Ok(links),
+                Err(TryLockError::Poisoned(poisoned)) => return Ok(poisoned.into_inner()),
+                Err(TryLockError::WouldBlock) if cancelled() => return Err(SendError::Cancelled),
+                Err(TryLockError::WouldBlock) => std::thread::sleep(NAP),
+            }
+        }
+    }
+
     fn send_latched(
         &self,
         link: &mut Link,
@@ -227,7 +239,7 @@ impl Outlet for Publication {
         frames: &[&[u8]],
         cancelled: Cancelled<'_>,
     ) -> Result<(), SendError> {
-        let mut links = lock(&self.links);
+        let mut links = self.links_unless(cancelled)?;
         for link in links.all.iter_mut().filter(|link| link.state.open) {
             self.send_to(link, share, frames, cancelled)?;
         }
@@ -237,6 +249,7 @@ impl Outlet for Publication {
     fn await_unread(&self, window: u64, cancelled: Cancelled<'_>) -> Result<(), SendError> {
         let (mut before, mut progress, mut looks) = (u64::MAX, Instant::now(), 0);
         loop {
+            drop(self.links_unless(cancelled)?);
             let left = self.unread();
             if left <= window {
                 return Ok(());
@@ -474,6 +487,32 @@ mod tests {
         });
         assert_eq!(welcomed.unwrap_err(), "it did not read the latched messages");
         assert!(publication.subscribers().is_empty());
+    }
+
+    #[test]
+    fn a_play_that_is_cancelled_does_not_wait_for_who_reads_what_is_latched() {
+        let info = TopicInfo { topic: "/map".to_owned(), latching: true, ..TopicInfo::default() };
+        let publication = Publication::new(info, Duration::from_secs(60));
+        let size = 32 << 20;
+        publication.latch("/mapper", Share::Counted, &frame(size, 1));
+        let (slow, reads_late) = connection();
+        reads_late.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
+        std::thread::scope(|scope| {
+            let welcomed = scope.spawn(|| publication.welcome("/player", &header("/slow"), slow));
+            next_frame(&reads_late).expect("a greeting");
+            reads_late.peek(&mut [0]).expect("the first message");
+            publication.latch("/mapper", Share::Counted, &frame(size, 2));
+            assert_eq!(next_frame(&reads_late), Some((size as u32, 1)));
+            // Of the second it reads nothing.
+            reads_late.peek(&mut [0]).expect("the second message");
+            let sent = publication.send(Share::Counted, &[&frame(8, 3)], &mut || true);
+            let awaited = publication.await_unread(0, &mut || true);
+            let is_still_welcomed = !welcomed.is_finished();
+            drop(reads_late);
+            assert!(is_still_welcomed);
+            assert!(matches!(sent, Err(SendError::Cancelled)), "{sent:?}");
+            assert!(matches!(awaited, Err(SendError::Cancelled)), "{awaited:?}");
+        });
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! What goes out to one node on a topic that is played, and what the node has done with it.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -23,6 +23,8 @@ pub(crate) struct Link {
     pub(crate) counted: Option<Subscriptions>,
     open: AtomicBool,
     sent: Mutex<Totals>,
+    /// What it had taken, whoever published it, when our last message went out, beside others.
+    taken_before: AtomicU64,
     last: Mutex<Last>,
 }
 
@@ -84,7 +86,8 @@ impl Link {
     ) -> Link {
         let (open, sent) = (AtomicBool::new(true), Mutex::new(sent));
         let last = Mutex::new(Last { known: 0, since: Instant::now(), stuck: false });
-        Link { id, node, instance, counted, open, sent, last }
+        let taken_before = AtomicU64::new(0);
+        Link { id, node, instance, counted, open, sent, taken_before, last }
     }
 
     /// Takes in which publishers of the topic the stack has by now ([`Subscriptions::learn`]).
@@ -122,6 +125,19 @@ impl Link {
     /// Whether somebody publishes the topic beside us, or has done so.
     pub(crate) fn is_shared(&self) -> bool {
         self.counted.as_ref().is_some_and(Subscriptions::are_shared)
+    }
+
+    /// Takes in what it has taken beside others before a message of ours goes out.
+    pub(crate) fn note_taken(&self, ledger: &Ledger) -> Result<(), LedgerError> {
+        if self.is_shared() {
+            self.taken_before.store(self.taken_of_all(ledger)?, Ordering::Relaxed);
+        }
+        Ok(())
+    }
+
+    /// What it had taken by then.
+    pub(crate) fn taken_before(&self) -> u64 {
+        self.taken_before.load(Ordering::Relaxed)
     }
 
     /// Messages that each of its subscriptions has taken, whoever published them.

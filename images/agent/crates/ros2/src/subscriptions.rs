@@ -254,7 +254,7 @@ impl Subscriptions {
     }
 
     /// How long a message is waited for that may have been overwritten by what the stack publishes, and
-    /// how many others are taken by then; `None` where nobody else publishes.
+    /// how many are taken after it by then; `None` where nobody else publishes.
     ///
     /// # Errors
     /// The ledger can't be read.
@@ -263,7 +263,7 @@ impl Subscriptions {
             return Ok(None);
         }
         let (write_offs, depth) = self.of_now(|now| (now.write_offs, now.depth));
-        // Of who has taken a whole queue of others since, ours is no more in it.
+        // Of who has taken a whole queue since, ours is no more in it.
         let others = if self.are_mixed(ledger)? { 1 } else { depth };
         Ok(Some((patience(write_offs), others)))
     }

@@ -95,6 +95,7 @@ impl Topic {
             let _looked = self.looked.lock().unwrap_or_else(PoisonError::into_inner);
             for link in self.links().iter().filter(|link| link.is_open()) {
                 link.count(share, message.len());
+                link.note_taken(&self.means.ledger).map_err(|error| failed(&error))?;
             }
             self.sent().add(share, message.len());
         }
@@ -160,18 +161,20 @@ impl Topic {
     fn may_wait_for(&self, link: &Link, progress: &mut Progress) -> Result<(), SendError> {
         let (ledger, failed) = (&self.means.ledger, |error: LedgerError| failed(&error));
         let (done, all) = (done(link, ledger), link.taken_of_all(ledger).map_err(failed)?);
-        let waited = progress.look(Instant::now(), done.map_err(failed)?, all);
-        let stalled = waited >= self.means.stall;
+        let seen = progress.look(Instant::now(), done.map_err(failed)?, all);
+        let seen = Seen { since_sent: all.saturating_sub(link.taken_before()), ..seen };
         let patience = link.patience(ledger).map_err(failed)?;
-        let is_lost = patience.is_some_and(|(patience, others)| {
-            waited >= patience && all.saturating_sub(progress.all) >= others
-        });
-        if (stalled || is_lost) && link.write_off(ledger).map_err(failed)? {
-            *progress = Progress::default();
-        } else if stalled {
-            let (node, topic) = (link.node.clone(), self.info.topic.clone());
-            return Err(SendError::Stalled { node, topic, waited });
+        match seen.means(self.means.stall, patience) {
+            Means::Waits => return Ok(()),
+            Means::IsAtWork => {}
+            Means::IsLost if link.write_off(ledger).map_err(failed)? => {}
+            Means::IsLost if seen.waited < self.means.stall => return Ok(()),
+            Means::IsLost => {
+                let (node, topic) = (link.node.clone(), self.info.topic.clone());
+                return Err(SendError::Stalled { node, topic, waited: seen.waited });
+            }
         }
+        *progress = Progress::default();
         Ok(())
     }
 }
@@ -186,14 +189,50 @@ struct Progress {
 }
 
 impl Progress {
-    /// Takes in how far it is now; since how long it has come no further.
-    fn look(&mut self, now: Instant, done: i128, all: u64) -> Duration {
-        match self.done {
+    /// Takes in how far it is now.
+    fn look(&mut self, now: Instant, done: i128, all: u64) -> Seen {
+        let waited = match self.done {
             Some((before, since)) if done <= before => now - since,
             _ => {
                 *self = Progress { done: Some((done, now)), all };
                 Duration::ZERO
             }
+        };
+        Seen { waited, meanwhile: all.saturating_sub(self.all), since_sent: 0 }
+    }
+}
+
+/// What is seen of somebody who is waited for.
+#[derive(Clone, Copy, Debug, Default)]
+struct Seen {
+    /// Since a message of ours was taken or done with.
+    waited: Duration,
+    /// What it has taken meanwhile, whoever published it.
+    meanwhile: u64,
+    /// What it has taken since our last message went out.
+    since_sent: u64,
+}
+
+/// What that means.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Means {
+    Waits,
+    /// It works off what others have published, before ours.
+    IsAtWork,
+    /// Nothing comes any more, as it was lost, or the node has stopped.
+    IsLost,
+}
+
+impl Seen {
+    /// `patience`: beside other publishers, how long a message is waited for that may be lost, once so
+    /// many others have been taken after it.
+    fn means(self, stall: Duration, patience: Option<(Duration, u64)>) -> Means {
+        let is_lost = |(patience, others)| self.waited >= patience && self.since_sent >= others;
+        match self.waited >= stall {
+            _ if patience.is_some_and(is_lost) => Means::IsLost,
+            false => Means::Waits,
+            true if patience.is_some() && self.meanwhile > 0 => Means::IsAtWork,
+            true => Means::IsLost,
         }
     }
 }
@@ -259,5 +298,52 @@ impl Outlet for Topic {
             Ok(link.in_hand(ledger)? == 0 || gives_up)
         };
         self.wait(&[Event::Taken, Event::Ended], done, cancelled)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const STALL: Duration = Duration::from_secs(10);
+
+    #[test]
+    fn progress_is_a_message_of_ours_and_what_is_taken_meanwhile_is_anybodys() {
+        let (begun, mut progress) = (Instant::now(), Progress::default());
+        let s = Duration::from_secs;
+        let mut look = |seconds, done, all| {
+            let seen = progress.look(begun + s(seconds), done, all);
+            (seen.waited, seen.meanwhile)
+        };
+        assert_eq!(look(0, -1, 7), (s(0), 0));
+        assert_eq!(look(3, -1, 9), (s(3), 2));
+        // One of the stack's own in hand, and done with.
+        assert_eq!(look(4, -2, 10), (s(4), 3));
+        assert_eq!(look(5, -1, 10), (s(5), 3));
+        assert_eq!(look(6, 0, 11), (s(0), 0));
+        assert_eq!(look(8, 0, 11), (s(2), 0));
+    }
+
+    #[test]
+    fn alone_who_comes_no_further_has_stopped_at_the_end_of_the_wait() {
+        let seen = |waited, meanwhile| Seen { waited, meanwhile, since_sent: meanwhile };
+        let short = STALL - Duration::from_nanos(1);
+        assert_eq!(seen(short, 9).means(STALL, None), Means::Waits);
+        assert_eq!(seen(STALL, 0).means(STALL, None), Means::IsLost);
+        assert_eq!(seen(STALL, 9).means(STALL, None), Means::IsLost);
+    }
+
+    #[test]
+    fn beside_others_a_message_is_lost_once_as_many_were_taken_after_it() {
+        let second = Duration::from_secs(1);
+        let patience = Some((second, 5));
+        let means = |waited, meanwhile, since_sent| {
+            Seen { waited, meanwhile, since_sent }.means(STALL, patience)
+        };
+        assert_eq!(means(second, 4, 4), Means::Waits);
+        assert_eq!(means(second, 0, 5), Means::IsLost);
+        assert_eq!(means(second - Duration::from_nanos(1), 9, 9), Means::Waits);
+        assert_eq!(means(STALL, 1, 4), Means::IsAtWork);
+        assert_eq!(means(STALL, 0, 4), Means::IsLost);
     }
 }

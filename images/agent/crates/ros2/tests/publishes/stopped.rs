@@ -8,7 +8,9 @@ use bagpipe_ros2ledger::Kind;
 
 use crate::scene::{Ask, DEFAULT, Scene, recording_of};
 use crate::standin::eventually;
-use crate::{RELIABLE, counts, start_lane, start_other, strings};
+use crate::{
+    LATCHED, OUT, RELIABLE, answered, counts, line, start_lane, start_other, strings, whole,
+};
 
 #[test]
 fn who_has_stopped_beside_another_publisher_is_named() {
@@ -91,4 +93,26 @@ fn who_has_stopped_is_named_though_another_comes_and_goes() {
         replayed.unwrap_err().to_string()
     });
     assert!(why.contains("the node /sleeper has taken nothing"), "{why}");
+}
+
+#[test]
+fn who_works_off_what_another_gave_it_has_not_stopped() {
+    let scene = Scene::new();
+    let queue = "/in:std_msgs/msg/String:1000:reliable:transient_local";
+    let lane = ["--name", "/lane", "--relay", "/in=/out", "--answers-from", "60"];
+    let lane = [&lane[..], &["--sub", queue, "--delay-us", "20000"], &OUT].concat();
+    let _lane = scene.start("standin_node", &lane);
+    let mut other = None;
+    let mut seen = |progress: Progress| {
+        if progress.stage == Stage::Play && progress.sent > 0 && other.is_none() {
+            let words = ["--name", "/other", "--pub", queue, "--burst", "300"];
+            other = Some(scene.start("standin_node", &words));
+        }
+    };
+    // Of what the other gives it, it takes fewer in that time.
+    let ask = Ask { mode: Mode::Lockstep, drain: Duration::from_secs(2), ..DEFAULT };
+    let played = recording_of(&strings(LATCHED), 60, 60);
+    let ledger = scene.play_while(&played, &ask, &mut seen).unwrap().ledger;
+    assert!(counts(&scene, Kind::Subscription, "/lane", "/in").taken > 300);
+    assert_eq!((line(&ledger), answered(&scene)), (whole(60), 60));
 }

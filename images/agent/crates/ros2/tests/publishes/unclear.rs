@@ -96,3 +96,16 @@ fn messages_with_their_publishers_gid_are_as_exact_as_those_with_a_handle() {
         assert_eq!(line(&replayed.ledger), whole(50), "{mode:?}");
     }
 }
+
+#[test]
+fn what_seems_to_be_lost_is_not_waited_for_as_long_as_who_has_stopped() {
+    let scene = Scene::new();
+    let _lane = start_lane(&scene, "1", &NONE);
+    let other = ["--every-us", "2000"];
+    let _other = start_other(&scene, &other);
+    scene.await_offered("/in", 5);
+    // As many waits of so long would outlast the case.
+    let ask = Ask { mode: Mode::Max, drain: Duration::from_secs(20), ..DEFAULT };
+    let replayed = scene.play(&recording_of(&strings(RELIABLE), 60, 60), &ask).unwrap();
+    assert_unproved(&replayed, 60);
+}
