@@ -105,7 +105,17 @@ void count_rest(const void *waited_for, uint64_t begun) {
   if (endpoint != NULL) note_rest(endpoint, begun);
 }
 
-void count_take(const void *subscription, uint64_t messages, uint64_t begun, enum origin origin) {
+/* What the node has taken by another subscription counts no second time. */
+static void note_own(struct ledger_endpoint *endpoint, uint64_t messages, int64_t stamp) {
+  int64_t after = atomic_load_explicit(&endpoint->own_after, memory_order_relaxed);
+  if (after != 0 && stamp <= after) return;
+  int64_t latest = atomic_load(&endpoint->own_latest);
+  while (latest < stamp && !atomic_compare_exchange_weak(&endpoint->own_latest, &latest, stamp))
+    continue;
+  atomic_fetch_add(&endpoint->taken_own, messages);
+}
+
+void count_take(const void *subscription, uint64_t messages, uint64_t begun, struct origin origin) {
   uint32_t slot;
   count_wait();
   struct ledger_endpoint *endpoint = listed(subscription, &slot);
@@ -120,8 +130,8 @@ void count_take(const void *subscription, uint64_t messages, uint64_t begun, enu
   self.in_hand = messages;
   uint64_t taken = atomic_fetch_add(&endpoint->taken, messages) + messages;
   /* Behind all: who reads these first finds no more of them than were taken. */
-  if (origin == ORIGIN_OWN) atomic_fetch_add(&endpoint->taken_own, messages);
-  if (origin == ORIGIN_UNKNOWN) atomic_fetch_add(&endpoint->taken_unknown, messages);
+  if (origin.whose == ORIGIN_OWN) note_own(endpoint, messages, origin.stamp);
+  if (origin.whose == ORIGIN_UNKNOWN) atomic_fetch_add(&endpoint->taken_unknown, messages);
   if (taken >= atomic_load(&endpoint->wake_from)) changed(atomic_load(&attach_ledger), EVENT_TAKEN);
 }
 

@@ -12,7 +12,7 @@
 /* CLOCK_MONOTONIC in nanoseconds while somebody watches; 0 while nobody does. */
 uint64_t count_moment(void);
 /* A take that was begun at that moment, of messages that all come from there. */
-void count_take(const void *subscription, uint64_t messages, uint64_t begun, enum origin origin);
+void count_take(const void *subscription, uint64_t messages, uint64_t begun, struct origin origin);
 /* What a wait that was begun at that moment was given for a subscription, which had nothing to take. */
 void count_rest(const void *waited_for, uint64_t begun);
 

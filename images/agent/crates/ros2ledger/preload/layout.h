@@ -87,10 +87,16 @@ struct ledger_endpoint {
   /* CLOCK_MONOTONIC in nanoseconds, during a watch: a moment of that rest; of a publisher, when its
    * last call has returned. 0: not seen. */
   _Atomic uint64_t seen_at;
-  /* Of those taken: whose publisher is one of `own`; and whose publisher was not to be known. */
+  /* Of those taken: whose publisher is one of `own`, and that were published after `own_after`; and
+   * whose publisher was not to be known. */
   _Atomic uint64_t taken_own;
   _Atomic uint64_t taken_unknown;
-  _Atomic uint64_t reserved_counts[5];
+  /* Stamps of the source, in ns since 1970: the latest of `own` that was taken; and the latest that the
+   * node had taken by another subscription of the topic, which it destroyed before: what is kept for
+   * who comes late is given to this one again. */
+  _Atomic int64_t own_latest;
+  _Atomic int64_t own_after;
+  _Atomic uint64_t reserved_counts[3];
 };
 
 struct ledger {

@@ -75,8 +75,35 @@ static void fill(struct ledger_endpoint *endpoint, const struct creation *of, co
   endpoint->seen_at = 0;
   endpoint->taken_own = 0;
   endpoint->taken_unknown = 0;
+  endpoint->own_latest = 0;
+  endpoint->own_after = 0;
   copy(endpoint->topic, of->topic);
   copy(endpoint->node, node);
+}
+
+static bool same(const _Atomic uint8_t *one, const _Atomic uint8_t *other) {
+  for (uint32_t byte = 0; byte < LEDGER_NAME_BYTES; byte++) {
+    if (one[byte] != other[byte]) return false;
+    if (one[byte] == 0) break;
+  }
+  return true;
+}
+
+/* The latest that this node has taken by subscriptions of this topic that it has destroyed. */
+static int64_t taken_before(struct ledger *ledger, uint32_t owner, struct ledger_endpoint *made) {
+  int64_t latest = 0;
+  uint32_t used = atomic_load(&ledger->header.endpoints_used);
+  for (uint32_t slot = 0; slot < used && slot < LEDGER_ENDPOINTS; slot++) {
+    struct ledger_endpoint *one = &ledger->endpoint[slot];
+    bool destroyed = atomic_load(&one->state) == (PHASE_DESTROYED | owner << LEDGER_OWNER_SHIFT);
+    if (!destroyed || one->kind != made->kind || !same(one->topic, made->topic) ||
+        !same(one->node, made->node))
+      continue;
+    int64_t own = atomic_load(&one->own_latest), after = atomic_load(&one->own_after);
+    if (latest < own) latest = own;
+    if (latest < after) latest = after;
+  }
+  return latest;
 }
 
 /* Under the lock. False where there is no room. */
@@ -87,6 +114,7 @@ static bool list(struct ledger *ledger, uint32_t owner, const struct creation *o
   if (slot == NO_SLOT) return false;
   struct ledger_endpoint *endpoint = &ledger->endpoint[slot];
   fill(endpoint, of, node);
+  if (of->kind == KIND_SUBSCRIPTION) endpoint->own_after = taken_before(ledger, owner, endpoint);
   note_used(ledger, slot);
   bool known = address_put(of->address, slot);
   if (known) matches_of(slot, of->kind, of->address);

@@ -102,17 +102,25 @@ static uint64_t key_in_cyclone(const struct endpoint_head *subscription,
   return key_of_handle(reader, handle);
 }
 
-enum origin origin_of(const struct endpoint_head *subscription, const struct message_info *info) {
+static enum origin_of_message whose(struct ledger *ledger, const struct endpoint_head *subscription,
+                                    const struct message_info *info) {
+  bool in_cyclone = strcmp(info->implementation, CYCLONE) == 0;
+  uint64_t key = in_cyclone ? key_in_cyclone(subscription, info) : key_of(info->gid);
+  if (key == 0) return ORIGIN_UNKNOWN;
+  return is_own(ledger, key) ? ORIGIN_OWN : ORIGIN_OTHER;
+}
+
+struct origin origin_of(const struct endpoint_head *subscription, const struct message_info *info) {
+  struct origin origin = {ORIGIN_UNKNOWN, 0};
   uint32_t entry;
   struct ledger *ledger = attached(&entry);
   /* The same text at the same place: otherwise it begins in another way. */
   bool says = ledger != NULL && info != NULL && info->implementation != NULL &&
               info->implementation == subscription->implementation;
-  if (!says) return ORIGIN_UNKNOWN;
+  if (!says) return origin;
   int kept = errno;
-  bool in_cyclone = strcmp(info->implementation, CYCLONE) == 0;
-  uint64_t key = in_cyclone ? key_in_cyclone(subscription, info) : key_of(info->gid);
+  origin.whose = whose(ledger, subscription, info);
+  origin.stamp = info->source;
   errno = kept;
-  if (key == 0) return ORIGIN_UNKNOWN;
-  return is_own(ledger, key) ? ORIGIN_OWN : ORIGIN_OTHER;
+  return origin;
 }

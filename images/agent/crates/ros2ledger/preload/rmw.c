@@ -104,7 +104,8 @@ PUBLIC int rmw_destroy_guard_condition(struct guard_head *guard) {
 
 static void count_one(const struct endpoint_head *subscription, bool taken, uint64_t begun,
                       const struct message_info *info) {
-  enum origin origin = taken ? origin_of(subscription, info) : ORIGIN_UNKNOWN;
+  struct origin origin = {ORIGIN_UNKNOWN, 0};
+  if (taken) origin = origin_of(subscription, info);
   count_take(subscription, taken ? 1 : 0, begun, origin);
 }
 
@@ -137,7 +138,8 @@ PUBLIC int rmw_take_sequence(const void *subscription, size_t count, void *messa
   uint64_t begun = count_moment();
   count_enter();
   int result = next(subscription, count, messages, infos, taken, allocation);
-  if (count_leave() && result == RMW_OK) count_take(subscription, *taken, begun, ORIGIN_UNKNOWN);
+  struct origin unknown = {ORIGIN_UNKNOWN, 0};
+  if (count_leave() && result == RMW_OK) count_take(subscription, *taken, begun, unknown);
   return result;
 }
 

@@ -77,7 +77,8 @@ pub struct Qos {
 pub struct Counts {
     /// Taken from the middleware.
     pub taken: u64,
-    /// Of these, what publishers of the ledger's reader had published ([`Ledger::own`](crate::Ledger::own)).
+    /// Of these, what publishers of the ledger's reader had published ([`Ledger::own`](crate::Ledger::own)), but
+    /// for what its node had taken before by a subscription of the topic that it has destroyed.
     pub taken_own: u64,
     /// And those of which the middleware did not say who had published them.
     pub taken_unknown: u64,

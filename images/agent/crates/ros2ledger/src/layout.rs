@@ -1,7 +1,7 @@
 //! The shared memory, field by field: the same definition as `preload/layout.h`, which a test
 //! compares with it. Nothing but atomics, since the user's nodes write it at any moment.
 
-use std::sync::atomic::{AtomicU8, AtomicU32, AtomicU64};
+use std::sync::atomic::{AtomicI64, AtomicU8, AtomicU32, AtomicU64};
 
 /// `BAGPLDR1`.
 pub(crate) const MAGIC: u64 = 0x3152_444c_5047_4142;
@@ -86,7 +86,9 @@ pub(crate) struct EndpointSlot {
     pub(crate) seen_at: AtomicU64,
     pub(crate) taken_own: AtomicU64,
     pub(crate) taken_unknown: AtomicU64,
-    pub(crate) reserved_counts: [AtomicU64; 5],
+    pub(crate) own_latest: AtomicI64,
+    pub(crate) own_after: AtomicI64,
+    pub(crate) reserved_counts: [AtomicU64; 3],
 }
 
 #[repr(C)]
@@ -137,7 +139,7 @@ mod tests {
             intra_started: u64, intra_ended: u64, returned: u64, published: u64,
             topic: [u8; 256],
             node: [u8; 256], seen_at: u64, taken_own: u64, taken_unknown: u64,
-            reserved_counts: [u64; 5]),
+            own_latest: i64, own_after: i64, reserved_counts: [u64; 3]),
         );
         all.extend(fields!(Layout, "ledger", header: Header, process: [ProcessEntry; 512],
             endpoint: [EndpointSlot; 4096], own: [u64; 4096]));
