@@ -116,7 +116,8 @@ const ONE_PLACE: &str = "<MaxAutoParticipantIndex>1</MaxAutoParticipantIndex>";
 
 #[test]
 fn a_domain_without_a_place_is_a_sentence_that_names_the_limit() {
-    let graph = Graph::new();
+    // One whose places no test of another process has.
+    let graph = Graph::untagged();
     let mut environment = graph.environment();
     let settings = environment.iter_mut().find(|one| one.0 == "CYCLONEDDS_URI").unwrap();
     let whole = settings.1.to_str().unwrap().replace("</Discovery>", "");
