@@ -23,7 +23,8 @@ pub(crate) struct Link {
     pub(crate) counted: Option<Subscriptions>,
     open: AtomicBool,
     sent: Mutex<Totals>,
-    /// What it had taken, whoever published it, when our last message went out, beside others.
+    /// What it had taken, whoever published it, when our last message went out beside others; before one
+    /// did, more than anybody takes.
     taken_before: AtomicU64,
     last: Mutex<Last>,
 }
@@ -86,7 +87,7 @@ impl Link {
     ) -> Link {
         let (open, sent) = (AtomicBool::new(true), Mutex::new(sent));
         let last = Mutex::new(Last { known: 0, since: Instant::now(), stuck: false });
-        let taken_before = AtomicU64::new(0);
+        let taken_before = AtomicU64::new(u64::MAX);
         Link { id, node, instance, counted, open, sent, taken_before, last }
     }
 

@@ -38,9 +38,9 @@
 //! that make sense; it could lie in its answers as well.
 //!
 //! # Cost
-//! A message that is published, waited for, taken and called takes 33 ns more with a ledger (119 for
-//! 85), 29 where there are no tracepoints (102 for 73), and some 200 more while a reader sleeps
-//! until each end: medians of seven rounds of the stand-in, two cores, 23 November 2026, by
+//! A message that is published, waited for, taken and called takes 101 ns more with a ledger (226 for
+//! 125), 75 where there are no tracepoints (194 for 119), and some 300 more while a reader sleeps
+//! until each end; 30 of each are for whose the message is. Medians of seven rounds of the stand-in, two cores, 27 November 2026, by
 //! `cargo run --release -p bagpipe-ros2ledger --example cost 7`. A look at whether nodes are
 //! at rest takes its reader 3 µs for one process with four endpoints, and 31 for 25 of them, by the
 //! same program. docs/limits.md has what is not covered.
