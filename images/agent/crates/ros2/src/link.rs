@@ -98,16 +98,18 @@ impl Link {
         }
     }
 
-    /// Takes in the node's subscriptions as they are now, and returns whether they are others.
+    /// Takes in the node's subscriptions as they are now, of which one that comes late is given so many
+    /// that are `kept`, and returns whether they are others.
     pub(crate) fn replace(
         &self,
         subscriptions: &[&Endpoint],
+        kept: u64,
         ledger: &Ledger,
     ) -> Result<bool, LedgerError> {
         let Some(counted) = &self.counted else { return Ok(false) };
         let others = !counted.are(subscriptions);
         if others {
-            counted.replace(subscriptions, self.sent(), ledger)?;
+            counted.replace(subscriptions, (self.sent(), kept), ledger)?;
         }
         counted.note_strength(subscriptions);
         Ok(others)
@@ -216,7 +218,8 @@ impl Link {
     /// Messages that wait in the middleware or are on their way to it; 0 where nobody counts.
     pub(crate) fn waiting(&self, ledger: &Ledger) -> Result<u64, LedgerError> {
         let Some(counted) = &self.counted else { return Ok(0) };
-        Ok(self.sent().saturating_sub(counted.taken(ledger)? + counted.lost()))
+        let taken = counted.taken(ledger)?;
+        Ok(counted.waiting(self.sent(), taken))
     }
 
     /// Has nobody be woken before each of its subscriptions has taken so many more than the slowest.
@@ -226,7 +229,13 @@ impl Link {
 
     /// Messages that it has taken and not done with.
     pub(crate) fn in_hand(&self, ledger: &Ledger) -> Result<u64, LedgerError> {
-        self.counted.as_ref().map_or(Ok(0), |counted| counted.in_hand(ledger))
+        let (begun, done) = self.begun_and_done(ledger)?;
+        Ok(begun.saturating_sub(done))
+    }
+
+    /// Messages that it has taken, whoever published them, and those that it has done with.
+    pub(crate) fn begun_and_done(&self, ledger: &Ledger) -> Result<(u64, u64), LedgerError> {
+        self.counted.as_ref().map_or(Ok((0, 0)), |counted| counted.begun_and_done(ledger))
     }
 
     /// Whether it has taken nothing more for `UNSEEN`, by which the thread of an executor with several

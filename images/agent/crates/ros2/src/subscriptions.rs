@@ -6,7 +6,8 @@ use std::sync::{PoisonError, RwLock};
 use std::time::Duration;
 
 use bagpipe_ros2ledger::{
-    Counts, Endpoint, EndpointId, History, Ledger, LedgerError, ProcessId, Qos, Strength,
+    Counts, Durability, Endpoint, EndpointId, History, Ledger, LedgerError, ProcessId, Qos,
+    Strength,
 };
 
 use crate::qos::reaches;
@@ -35,12 +36,11 @@ pub(crate) struct Subscriptions {
 /// Those that are there now.
 #[derive(Debug)]
 struct Now {
-    /// Each with what it had taken of which nothing counts here.
-    taken: Vec<(EndpointId, Taken)>,
-    /// What those before them have taken.
+    counted: Vec<Counted>,
+    /// What each of a node's had taken of ours when there were others of them last.
     earlier: u64,
-    /// Whether of some of that it is not known whose it was.
-    unclear: bool,
+    /// What all had taken by then, whoever published it.
+    before: Taken,
     /// What went out to those before them or was overwritten in their queues, and nobody will take any
     /// more.
     lost: u64,
@@ -52,6 +52,8 @@ struct Now {
     wanted: Vec<Qos>,
     /// Messages that the smallest of their queues holds.
     depth: u64,
+    /// Messages that the largest holds; `None` without a bound.
+    deepest: Option<u64>,
     /// The weakest of them.
     strength: Strength,
 }
@@ -61,28 +63,51 @@ struct Now {
 struct Taken {
     /// Whoever published it.
     all: u64,
-    /// Of ours, and what may have been.
-    ours: u64,
+    /// Of which it is known that it was ours.
+    own: u64,
     /// Of which it is not known whose it was.
     unclear: u64,
 }
 
 impl Taken {
     fn of(counts: &Counts, known: bool) -> Taken {
-        let Counts { taken: all, taken_own, taken_unknown: unclear, .. } = *counts;
+        let Counts { taken: all, taken_own: own, taken_unknown: unclear, .. } = *counts;
         match known {
-            true => Taken { all, ours: taken_own + unclear, unclear },
-            false => Taken { all, ours: all, unclear: all },
+            true => Taken { all, own, unclear },
+            false => Taken { all, own: 0, unclear: all },
         }
     }
 
     fn since(self, before: Taken) -> Taken {
         Taken {
             all: self.all.saturating_sub(before.all),
-            ours: self.ours.saturating_sub(before.ours),
+            own: self.own.saturating_sub(before.own),
             unclear: self.unclear.saturating_sub(before.unclear),
         }
     }
+
+    /// Messages of ours. A middleware that says of none whose it is gives ours like all others; one that
+    /// says it of some says it of ours, as our publisher is there.
+    fn ours(self) -> u64 {
+        if self.unclear == self.all { self.all } else { self.own }
+    }
+
+    /// Whether others' may be among them, beside somebody who has `published`; or where somebody was there
+    /// whom nobody has seen.
+    fn is_unclear(self, published: bool) -> bool {
+        self.unclear > 0 && (published || self.unclear < self.all)
+    }
+}
+
+/// A subscription.
+#[derive(Clone, Copy, Debug)]
+struct Counted {
+    id: EndpointId,
+    /// What it had taken of which nothing counts here.
+    before: Taken,
+    /// Messages of ours that count as taken: those that it was ahead of the slowest of its node, or that
+    /// went out before it was there.
+    spared: u64,
 }
 
 impl Subscriptions {
@@ -97,22 +122,26 @@ impl Subscriptions {
         (known, begun): (bool, bool),
     ) -> Result<Option<Self>, LedgerError> {
         let Some(process) = subscriptions.first().map(|one| one.process) else { return Ok(None) };
-        let before = |one: &&Endpoint| match begun {
-            true => Ok((one.id, Taken::default())),
-            false => Ok((one.id, Taken::of(&ledger.counts(one.id)?, known))),
+        let counted = |one: &&Endpoint| {
+            let before = match begun {
+                true => Taken::default(),
+                false => Taken::of(&ledger.counts(one.id)?, known),
+            };
+            Ok(Counted { id: one.id, before, spared: 0 })
         };
         Ok(Some(Subscriptions {
             process,
             known,
             now: RwLock::new(Now {
-                taken: subscriptions.iter().map(before).collect::<Result<_, LedgerError>>()?,
+                counted: subscriptions.iter().map(counted).collect::<Result<_, LedgerError>>()?,
                 earlier: 0,
-                unclear: false,
+                before: Taken::default(),
                 lost: 0,
                 written_off: None,
                 write_offs: 0,
                 wanted: wanted(subscriptions),
                 depth: depth(subscriptions),
+                deepest: deepest(subscriptions),
                 strength: weakest(subscriptions).unwrap_or(Strength::Taken),
             }),
             shared: AtomicBool::new(false),
@@ -126,58 +155,64 @@ impl Subscriptions {
 
     /// What each of them has taken since it was counted.
     fn each(&self, now: &Now, ledger: &Ledger) -> Result<Vec<Taken>, LedgerError> {
-        let since = |(id, before): &(EndpointId, Taken)| {
-            Ok(Taken::of(&ledger.counts(*id)?, self.known).since(*before))
-        };
-        now.taken.iter().map(since).collect()
+        let since =
+            |one: &Counted| Ok(Taken::of(&ledger.counts(one.id)?, self.known).since(one.before));
+        now.counted.iter().map(since).collect()
     }
 
-    fn least(
-        &self,
-        now: &Now,
-        ledger: &Ledger,
-        of: impl Fn(&Taken) -> u64,
-    ) -> Result<u64, LedgerError> {
-        Ok(self.each(now, ledger)?.iter().map(of).min().unwrap_or(0))
+    /// What each has taken of ours at least, with what it is spared.
+    fn least(&self, now: &Now, ledger: &Ledger) -> Result<u64, LedgerError> {
+        let each = self.each(now, ledger)?;
+        let all = each.iter().zip(&now.counted).map(|(taken, one)| taken.ours() + one.spared);
+        Ok(all.min().unwrap_or(0))
     }
 
     /// Whether these are still all that there are.
     pub(crate) fn are(&self, subscriptions: &[&Endpoint]) -> bool {
         let ids = subscriptions.iter().map(|one| one.id);
-        self.of_now(|now| now.taken.iter().map(|known| known.0).eq(ids.clone()))
+        self.of_now(|now| now.counted.iter().map(|known| known.id).eq(ids.clone()))
     }
 
     /// Takes in that these are there in place of those before, to whom so many were sent: one that
-    /// stays goes on to count, and one that is new has taken nothing yet.
+    /// stays goes on to count, and one that is new has taken nothing yet. Who comes late is given so many
+    /// that are `kept`.
     ///
     /// # Errors
     /// The ledger can't be read.
     pub(crate) fn replace(
         &self,
         subscriptions: &[&Endpoint],
-        sent: u64,
+        (sent, kept): (u64, u64),
         ledger: &Ledger,
     ) -> Result<(), LedgerError> {
         let mut now = self.now.write().unwrap_or_else(PoisonError::into_inner);
-        let each = self.each(&now, ledger)?;
-        let least = each.iter().map(|one| one.ours).min().unwrap_or(0);
-        now.unclear |= each.iter().any(|one| one.unclear > 0);
-        let before: BTreeMap<EndpointId, Taken> = now.taken.iter().copied().collect();
-        let known = |one: &&Endpoint| {
-            let mut taken = before.get(&one.id).copied().unwrap_or_default();
-            if before.contains_key(&one.id) {
-                taken.ours += least;
-                taken.all += least;
-            }
-            (one.id, taken)
-        };
-        now.earlier += least;
-        if !subscriptions.iter().any(|one| before.contains_key(&one.id)) {
-            now.lost = sent.saturating_sub(now.earlier);
+        let least = self.least(&now, ledger)?;
+        let mut stay = BTreeMap::new();
+        for one in &now.counted.clone() {
+            let counts = Taken::of(&ledger.counts(one.id)?, self.known);
+            let since = counts.since(one.before);
+            now.before.all += since.all;
+            now.before.unclear += since.unclear;
+            let spared = (since.ours() + one.spared).saturating_sub(least);
+            stay.insert(one.id, Counted { before: counts, spared, ..*one });
         }
-        now.taken = subscriptions.iter().map(known).collect();
+        now.earlier += least;
+        let some_stay = subscriptions.iter().any(|one| stay.contains_key(&one.id));
+        let waits = sent.saturating_sub(now.earlier + now.lost);
+        // What waits for the others never comes to a new one.
+        let spared = if some_stay { waits } else { 0 };
+        let new = |id| Counted { id, before: Taken::default(), spared };
+        now.counted = subscriptions
+            .iter()
+            .map(|one| stay.get(&one.id).copied().unwrap_or_else(|| new(one.id)))
+            .collect();
+        if !some_stay {
+            let given = |one: &&Endpoint| kept.min(given_again(&one.qos));
+            let again = subscriptions.iter().map(given).min().unwrap_or(0);
+            now.lost = sent.saturating_sub(now.earlier).saturating_sub(again);
+        }
         now.wanted = wanted(subscriptions);
-        now.depth = depth(subscriptions);
+        (now.depth, now.deepest) = (depth(subscriptions), deepest(subscriptions));
         Ok(())
     }
 
@@ -213,8 +248,9 @@ impl Subscriptions {
     /// The ledger can't be read.
     pub(crate) fn are_mixed(&self, ledger: &Ledger) -> Result<bool, LedgerError> {
         let now = self.now.read().unwrap_or_else(PoisonError::into_inner);
-        let unclear = now.unclear || self.each(&now, ledger)?.iter().any(|one| one.unclear > 0);
-        Ok(unclear && self.published.load(Ordering::Relaxed))
+        let published = self.published.load(Ordering::Relaxed);
+        let mut each = self.each(&now, ledger)?.into_iter().chain([now.before]);
+        Ok(each.any(|one| one.is_unclear(published)))
     }
 
     /// Messages of ours that each of them has taken.
@@ -223,21 +259,26 @@ impl Subscriptions {
     /// The ledger can't be read.
     pub(crate) fn taken(&self, ledger: &Ledger) -> Result<u64, LedgerError> {
         let now = self.now.read().unwrap_or_else(PoisonError::into_inner);
-        Ok(now.earlier + self.least(&now, ledger, |one| one.ours)?)
+        Ok(now.earlier + self.least(&now, ledger)?)
     }
 
-    /// Messages that each of them has taken, whoever published them.
+    /// Messages that they have taken in all, whoever published them.
     ///
     /// # Errors
     /// The ledger can't be read.
     pub(crate) fn taken_of_all(&self, ledger: &Ledger) -> Result<u64, LedgerError> {
         let now = self.now.read().unwrap_or_else(PoisonError::into_inner);
-        Ok(now.earlier + self.least(&now, ledger, |one| one.all)?)
+        let there: u64 = self.each(&now, ledger)?.iter().map(|one| one.all).sum();
+        Ok(now.before.all + there)
     }
 
-    /// What went out and is not waited for any more.
-    pub(crate) fn lost(&self) -> u64 {
-        self.of_now(|now| now.lost)
+    /// Messages that wait for them of so many that were sent, `taken` of which were taken. What was written
+    /// off and has been taken after all is written off no more.
+    pub(crate) fn waiting(&self, sent: u64, taken: u64) -> u64 {
+        let left = sent.saturating_sub(taken);
+        let mut now = self.now.write().unwrap_or_else(PoisonError::into_inner);
+        now.lost = now.lost.min(left);
+        left - now.lost
     }
 
     /// Waits for none of so many any more that wait: beside another publisher they were overwritten. Of
@@ -262,34 +303,46 @@ impl Subscriptions {
         if !self.are_shared() {
             return Ok(None);
         }
-        let (write_offs, depth) = self.of_now(|now| (now.write_offs, now.depth));
-        // Of who has taken a whole queue since, ours is no more in it.
-        let others = if self.are_mixed(ledger)? { 1 } else { depth };
+        let (write_offs, deepest, many) =
+            self.of_now(|now| (now.write_offs, now.deepest, now.counted.len() as u64));
+        // Of who has taken a whole queue by each, ours is no more in it.
+        let others = match self.are_mixed(ledger)? {
+            true => 1,
+            false => deepest.unwrap_or(u64::MAX).saturating_mul(many),
+        };
         Ok(Some((patience(write_offs), others)))
     }
 
-    /// Has nobody be woken before each of them has taken so many more than the slowest.
+    /// Has nobody be woken before each of them has taken so many more.
     ///
     /// # Errors
     /// The ledger can't be read.
     pub(crate) fn wake_after(&self, ledger: &Ledger, messages: u64) -> Result<(), LedgerError> {
         let now = self.now.read().unwrap_or_else(PoisonError::into_inner);
-        // What nodes count may be any number.
-        let more = self.least(&now, ledger, |one| one.all)?.saturating_add(messages);
-        let wake = |(id, before): &(EndpointId, Taken)| {
-            ledger.wake_from(*id, before.all.saturating_add(more))
-        };
-        now.taken.iter().try_for_each(wake)
+        let least = self.least(&now, ledger)?;
+        for (one, taken) in now.counted.iter().zip(self.each(&now, ledger)?) {
+            // Who is ahead of the slowest is not waited for as long.
+            let ahead = (taken.ours() + one.spared).saturating_sub(least);
+            let more = messages.saturating_sub(ahead);
+            ledger.wake_from(one.id, ledger.counts(one.id)?.taken.saturating_add(more))?;
+        }
+        Ok(())
     }
 
-    /// Messages that they have taken and not done with.
+    /// Messages that they have taken, and those that they have done with.
     ///
     /// # Errors
     /// The ledger can't be read.
-    pub(crate) fn in_hand(&self, ledger: &Ledger) -> Result<u64, LedgerError> {
+    pub(crate) fn begun_and_done(&self, ledger: &Ledger) -> Result<(u64, u64), LedgerError> {
         let now = self.now.read().unwrap_or_else(PoisonError::into_inner);
-        let in_hand = |counts: Counts| counts.in_hand(now.strength);
-        now.taken.iter().map(|(id, _)| Ok(in_hand(ledger.counts(*id)?))).sum()
+        let (mut begun, mut done) = (0_u64, 0_u64);
+        for one in &now.counted {
+            let counts = ledger.counts(one.id)?;
+            // What nodes count may be any number.
+            begun = begun.saturating_add(counts.taken).saturating_add(counts.intra_started);
+            done = done.saturating_add(counts.done(now.strength));
+        }
+        Ok((begun, done))
     }
 
     /// Messages that the smallest of their queues holds.
@@ -315,6 +368,23 @@ fn wanted(subscriptions: &[&Endpoint]) -> Vec<Qos> {
 
 fn weakest(subscriptions: &[&Endpoint]) -> Option<Strength> {
     subscriptions.iter().map(|one| one.strength).min()
+}
+
+/// How many a subscription that comes late takes at the most of those that are kept.
+fn given_again(wanted: &Qos) -> u64 {
+    match (wanted.durability, wanted.history) {
+        (Durability::TransientLocal, History::KeepLast) => wanted.depth,
+        (Durability::TransientLocal, _) => u64::MAX,
+        _ => 0,
+    }
+}
+
+fn deepest(subscriptions: &[&Endpoint]) -> Option<u64> {
+    let depth = |one: &&Endpoint| match one.qos.history {
+        History::KeepLast => Some(one.qos.depth.max(1)),
+        History::KeepAll | History::Other(_) => None,
+    };
+    subscriptions.iter().map(depth).try_fold(0, |most, depth| Some(depth?.max(most)))
 }
 
 fn depth(subscriptions: &[&Endpoint]) -> u64 {

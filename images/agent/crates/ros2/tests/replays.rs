@@ -429,7 +429,7 @@ fn what_another_publishes_on_a_played_topic_later_makes_up_for_no_loss() {
 #[test]
 fn who_publishes_uncounted_is_named_and_hides_no_loss() {
     let scene = Scene::new();
-    let _relay = scene.start("standin_node", &RELAY);
+    let _relay = scene.start("standin_node", &deep_relay());
     let hidden = "/out_hidden:std_msgs/msg/String:10:reliable";
     let played = "/in:sensor_msgs/msg/Imu:10:reliable";
     let other = ["--name", "/hidden", "--pub", hidden, "--pub", played, "--burst", "1"];

@@ -21,6 +21,8 @@ const COMES_BACK: Duration = Duration::from_millis(100);
 /// How long half of a queue is waited for where there is room: no longer than a wait goes without a
 /// look at the counts.
 const HALF: Duration = Duration::from_millis(20);
+/// So many times as long as for who has stopped is waited for who works off what others have published.
+const AT_WORK: u32 = 10;
 /// Bytes of a message whose copy takes longer than to ask for it beforehand.
 const LARGE: usize = 64 << 10;
 
@@ -164,17 +166,15 @@ impl Topic {
         let seen = progress.look(Instant::now(), done.map_err(failed)?, all);
         let seen = Seen { since_sent: all.saturating_sub(link.taken_before()), ..seen };
         let patience = link.patience(ledger).map_err(failed)?;
-        match seen.means(self.means.stall, patience) {
-            Means::Waits => return Ok(()),
-            Means::IsAtWork => {}
-            Means::IsLost if link.write_off(ledger).map_err(failed)? => {}
-            Means::IsLost if seen.waited < self.means.stall => return Ok(()),
-            Means::IsLost => {
-                let (node, topic) = (link.node.clone(), self.info.topic.clone());
-                return Err(SendError::Stalled { node, topic, waited: seen.waited });
-            }
+        if !seen.lacks(self.means.stall, patience) {
+            return Ok(());
         }
-        *progress = Progress::default();
+        if link.write_off(ledger).map_err(failed)? {
+            *progress = Progress::default();
+        } else if seen.has_stopped(self.means.stall) {
+            let (node, topic, waited) = (link.node.clone(), self.info.topic.clone(), seen.waited);
+            return Err(SendError::Stalled { node, topic, waited });
+        }
         Ok(())
     }
 }
@@ -184,56 +184,47 @@ impl Topic {
 struct Progress {
     /// With the last message of ours that was taken or done with, and since when.
     done: Option<(i128, Instant)>,
-    /// Messages that were taken by then, whoever published them.
-    all: u64,
+    /// Messages that were taken at the last look, whoever published them, and since when.
+    all: Option<(u64, Instant)>,
 }
 
 impl Progress {
     /// Takes in how far it is now.
     fn look(&mut self, now: Instant, done: i128, all: u64) -> Seen {
-        let waited = match self.done {
-            Some((before, since)) if done <= before => now - since,
-            _ => {
-                *self = Progress { done: Some((done, now)), all };
-                Duration::ZERO
-            }
-        };
-        Seen { waited, meanwhile: all.saturating_sub(self.all), since_sent: 0 }
+        if self.done.is_none_or(|(before, _)| done > before) {
+            (self.done, self.all) = (Some((done, now)), None);
+        }
+        if self.all.is_none_or(|(before, _)| all != before) {
+            self.all = Some((all, now));
+        }
+        let since = |at: Option<Instant>| at.map_or(Duration::ZERO, |at| now - at);
+        let (done, all) = (self.done.map(|(_, at)| at), self.all.map(|(_, at)| at));
+        Seen { waited: since(done), idle: since(all), since_sent: 0 }
     }
 }
 
 /// What is seen of somebody who is waited for.
 #[derive(Clone, Copy, Debug, Default)]
 struct Seen {
-    /// Since a message of ours was taken or done with.
+    /// How long no message of ours was taken or done with.
     waited: Duration,
-    /// What it has taken meanwhile, whoever published it.
-    meanwhile: u64,
-    /// What it has taken since our last message went out.
+    /// How long nothing at all was taken.
+    idle: Duration,
+    /// What it has taken since our last message went out, whoever published it.
     since_sent: u64,
 }
 
-/// What that means.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Means {
-    Waits,
-    /// It works off what others have published, before ours.
-    IsAtWork,
-    /// Nothing comes any more, as it was lost, or the node has stopped.
-    IsLost,
-}
-
 impl Seen {
-    /// `patience`: beside other publishers, how long a message is waited for that may be lost, once so
-    /// many others have been taken after it.
-    fn means(self, stall: Duration, patience: Option<(Duration, u64)>) -> Means {
+    /// Whether what is waited for may never come. `patience`: beside other publishers, how long a message
+    /// is waited for that may be lost, once so many have been taken after it.
+    fn lacks(self, stall: Duration, patience: Option<(Duration, u64)>) -> bool {
         let is_lost = |(patience, others)| self.waited >= patience && self.since_sent >= others;
-        match self.waited >= stall {
-            _ if patience.is_some_and(is_lost) => Means::IsLost,
-            false => Means::Waits,
-            true if patience.is_some() && self.meanwhile > 0 => Means::IsAtWork,
-            true => Means::IsLost,
-        }
+        patience.is_some_and(is_lost) || self.has_stopped(stall)
+    }
+
+    /// Whether it takes nothing, or for long nothing but what others publish.
+    fn has_stopped(self, stall: Duration) -> bool {
+        self.idle >= stall || self.waited >= AT_WORK * stall
     }
 }
 
@@ -293,9 +284,12 @@ impl Outlet for Topic {
             if link.waiting(ledger)? > 0 {
                 return Ok(false);
             }
-            let since = *taken_since.entry(link.id()).or_insert_with(Instant::now);
+            let (begun, done) = link.begun_and_done(ledger)?;
+            // What is taken of others after ours is not waited for.
+            let (since, taken) =
+                *taken_since.entry(link.id()).or_insert_with(|| (Instant::now(), begun));
             let gives_up = !link.reports_calls() && since.elapsed() >= COMES_BACK;
-            Ok(link.in_hand(ledger)? == 0 || gives_up)
+            Ok(done >= taken || gives_up)
         };
         self.wait(&[Event::Taken, Event::Ended], done, cancelled)
     }
@@ -308,42 +302,45 @@ mod tests {
     const STALL: Duration = Duration::from_secs(10);
 
     #[test]
-    fn progress_is_a_message_of_ours_and_what_is_taken_meanwhile_is_anybodys() {
+    fn progress_is_a_message_of_ours_and_who_takes_others_is_not_idle() {
         let (begun, mut progress) = (Instant::now(), Progress::default());
         let s = Duration::from_secs;
         let mut look = |seconds, done, all| {
             let seen = progress.look(begun + s(seconds), done, all);
-            (seen.waited, seen.meanwhile)
+            (seen.waited, seen.idle)
         };
-        assert_eq!(look(0, -1, 7), (s(0), 0));
-        assert_eq!(look(3, -1, 9), (s(3), 2));
+        assert_eq!(look(0, -1, 7), (s(0), s(0)));
+        assert_eq!(look(3, -1, 9), (s(3), s(0)));
         // One of the stack's own in hand, and done with.
-        assert_eq!(look(4, -2, 10), (s(4), 3));
-        assert_eq!(look(5, -1, 10), (s(5), 3));
-        assert_eq!(look(6, 0, 11), (s(0), 0));
-        assert_eq!(look(8, 0, 11), (s(2), 0));
+        assert_eq!(look(4, -2, 10), (s(4), s(0)));
+        assert_eq!(look(6, -1, 10), (s(6), s(2)));
+        assert_eq!(look(7, 0, 10), (s(0), s(0)));
+        assert_eq!(look(9, 0, 10), (s(2), s(2)));
     }
 
     #[test]
-    fn alone_who_comes_no_further_has_stopped_at_the_end_of_the_wait() {
-        let seen = |waited, meanwhile| Seen { waited, meanwhile, since_sent: meanwhile };
-        let short = STALL - Duration::from_nanos(1);
-        assert_eq!(seen(short, 9).means(STALL, None), Means::Waits);
-        assert_eq!(seen(STALL, 0).means(STALL, None), Means::IsLost);
-        assert_eq!(seen(STALL, 9).means(STALL, None), Means::IsLost);
+    fn who_takes_nothing_has_stopped_and_who_takes_others_alone_has_ten_times_as_long() {
+        let seen = |waited, idle| Seen { waited, idle, since_sent: 9 };
+        let moment = Duration::from_nanos(1);
+        for (waited, idle, has) in [
+            (STALL, STALL, true),
+            (STALL, STALL - moment, false),
+            (10 * STALL - moment, STALL - moment, false),
+            (10 * STALL, Duration::ZERO, true),
+        ] {
+            assert_eq!(seen(waited, idle).has_stopped(STALL), has, "{waited:?} {idle:?}");
+            assert_eq!(seen(waited, idle).lacks(STALL, None), has, "{waited:?} {idle:?}");
+        }
     }
 
     #[test]
     fn beside_others_a_message_is_lost_once_as_many_were_taken_after_it() {
         let second = Duration::from_secs(1);
-        let patience = Some((second, 5));
-        let means = |waited, meanwhile, since_sent| {
-            Seen { waited, meanwhile, since_sent }.means(STALL, patience)
+        let lacks = |waited, since_sent| {
+            Seen { waited, idle: Duration::ZERO, since_sent }.lacks(STALL, Some((second, 5)))
         };
-        assert_eq!(means(second, 4, 4), Means::Waits);
-        assert_eq!(means(second, 0, 5), Means::IsLost);
-        assert_eq!(means(second - Duration::from_nanos(1), 9, 9), Means::Waits);
-        assert_eq!(means(STALL, 1, 4), Means::IsAtWork);
-        assert_eq!(means(STALL, 0, 4), Means::IsLost);
+        assert!(lacks(second, 5));
+        assert!(!lacks(second, 4));
+        assert!(!lacks(second - Duration::from_nanos(1), 9));
     }
 }

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use bagpipe_graph::{Cancelled, PacedBy, SendError};
 use bagpipe_ros2ledger::{Endpoint, Event, Kind, Ledger, LedgerError};
+use bagpipe_ros2player::{Durability, History};
 
 use super::Topic;
 use super::look::{Look, Owner};
@@ -69,7 +70,7 @@ impl Topic {
             let Some(counted) = &link.counted else { continue };
             let owner = (counted.process, link.node.clone());
             let there = nodes.get(&owner).map(Vec::as_slice).unwrap_or_default();
-            let others = link.replace(there, &self.means.ledger)?;
+            let others = link.replace(there, self.kept(), &self.means.ledger)?;
             if there.is_empty() && link.is_open() && look.running.contains(&owner.0) {
                 self.departed().insert(owner, Absence::begin());
             }
@@ -124,6 +125,15 @@ impl Topic {
         links.push(self.link(name, counted, missed));
         self.learn_publishers(&look.endpoints);
         Ok(())
+    }
+
+    /// Messages that are kept for who comes late.
+    fn kept(&self) -> u64 {
+        match (self.qos.durability, self.qos.history) {
+            (Durability::Volatile, _) => 0,
+            (Durability::TransientLocal, History::KeepLast(depth)) => depth.into(),
+            (Durability::TransientLocal, History::KeepAll) => u64::MAX,
+        }
     }
 
     /// Whether a subscription may receive what is played.

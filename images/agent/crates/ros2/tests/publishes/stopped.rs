@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
 use std::time::Duration;
 
-use bagpipe_replay::{Mode, Progress, Stage};
+use bagpipe_replay::{Mode, Progress, Stage, Strength};
 use bagpipe_ros2ledger::Kind;
 
 use crate::scene::{Ask, DEFAULT, Scene, recording_of};
@@ -115,4 +115,18 @@ fn who_works_off_what_another_gave_it_has_not_stopped() {
     let ledger = scene.play_while(&played, &ask, &mut seen).unwrap().ledger;
     assert!(counts(&scene, Kind::Subscription, "/lane", "/in").taken > 300);
     assert_eq!((line(&ledger), answered(&scene)), (whole(60), 60));
+}
+
+#[test]
+fn nor_has_one_that_is_never_at_rest() {
+    let scene = Scene::new();
+    // Each of its threads has something of the other's in hand at almost all times.
+    let both = ["--sub", "/in:std_msgs/msg/String:10:reliable", "--threads", "2"];
+    let _lane = start_lane(&scene, "10", &[&both[..], &["--delay-us", "3000"]].concat());
+    let _other = start_other(&scene, &["--every-us", "2500"]);
+    scene.await_offered("/in", 5);
+    let ask = Ask { mode: Mode::Lockstep, drain: Duration::from_secs(2), ..DEFAULT };
+    let ledger = scene.play(&recording_of(&strings(RELIABLE), 30, 60), &ask).unwrap().ledger;
+    assert_eq!((ledger.sent, ledger.received + ledger.dropped), (30, 30));
+    assert!(ledger.strength >= Some(Strength::Taken), "{ledger:?}");
 }

@@ -5,8 +5,11 @@ use std::time::Duration;
 
 use bagpipe_replay::{Mode, Progress, Replayed, Stage, Strength};
 
+use bagpipe_ros2ledger::Kind;
+
 use crate::scene::{Ask, DEFAULT, Scene, recording_of};
-use crate::{RELIABLE, answered, line, start_lane, start_other, strings, whole};
+use crate::standin::eventually;
+use crate::{RELIABLE, answered, counts, line, start_lane, start_other, strings, whole};
 
 const NONE: [&str; 2] = ["--origins", "none"];
 
@@ -56,7 +59,7 @@ fn nor_beside_one_that_begins_to_publish_uncounted() {
             let queue = "/in:std_msgs/msg/String:1000:reliable";
             let words = ["--name", "/other", "--pub", queue, "--burst", "1"];
             other = Some(scene.start_uncounted("standin_node", &words));
-            crate::standin::eventually(is_there);
+            eventually(is_there);
         }
     };
     let ask = Ask { mode: Mode::Realtime, drain: Duration::from_secs(2), ..DEFAULT };
@@ -108,4 +111,26 @@ fn what_seems_to_be_lost_is_not_waited_for_as_long_as_who_has_stopped() {
     let ask = Ask { mode: Mode::Max, drain: Duration::from_secs(20), ..DEFAULT };
     let replayed = scene.play(&recording_of(&strings(RELIABLE), 60, 60), &ask).unwrap();
     assert_unproved(&replayed, 60);
+}
+
+#[test]
+fn nothing_is_proved_where_somebody_published_whom_nobody_saw() {
+    let scene = Scene::new();
+    // It is at work until the other has left, and knows of none of its messages whose they are.
+    let _lane = start_lane(&scene, "50", &["--first-us", "6000000"]);
+    let ask = Ask { mode: Mode::Realtime, drain: Duration::from_secs(20), ..DEFAULT };
+    let replayed = std::thread::scope(|scope| {
+        scope.spawn(|| {
+            eventually(|| counts(&scene, Kind::Subscription, "/lane", "/in").taken > 0);
+            let queue = "/in:std_msgs/msg/String:1000:reliable";
+            let words = ["--name", "/other", "--pub", queue, "--burst", "0", "--every-us", "1000"];
+            let other = scene.start_uncounted("standin_node", &words);
+            std::thread::sleep(Duration::from_millis(300));
+            assert!(other.end());
+        });
+        scene.play(&recording_of(&strings(RELIABLE), 51, 60), &ask).unwrap()
+    });
+    let taken = counts(&scene, Kind::Subscription, "/lane", "/in");
+    assert!(taken.taken_unknown > 0, "{taken:?}");
+    assert_unproved(&replayed, 51);
 }

@@ -40,6 +40,15 @@ struct gid {
 };
 typedef int get_gid(const void *publisher, struct gid *into);
 
+/* Whether a message has its publisher's gid as the publisher has it, in nodes that take it: where this was
+ * not run it is not believed. */
+static bool is_in_messages(const char *implementation) {
+  static const char *const those[] = {"rmw_fastrtps_cpp", "rmw_fastrtps_dynamic_cpp"};
+  for (size_t one = 0; implementation != NULL && one < sizeof those / sizeof *those; one++)
+    if (strcmp(implementation, those[one]) == 0) return true;
+  return false;
+}
+
 /* In Cyclone DDS rmw's is a number of this process. */
 bool publisher_gid(uint32_t slot, uint8_t gid[GID_BYTES]) {
   if (cyclone_made(slot)) return cyclone_guid(slot, gid);
@@ -47,6 +56,7 @@ bool publisher_gid(uint32_t slot, uint8_t gid[GID_BYTES]) {
   const void *publisher = rcl.rcl_publisher_get_rmw_handle(&publishers[slot]);
   struct gid found;
   if (get == NULL || publisher == NULL || get(publisher, &found) != RCL_OK) return false;
+  if (!is_in_messages(found.implementation)) return false;
   memcpy(gid, found.bytes, GID_BYTES);
   return true;
 }
