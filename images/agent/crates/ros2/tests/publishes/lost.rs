@@ -105,7 +105,10 @@ fn what_comes_while_a_node_is_away_hides_no_loss_of_ours() {
         lane.let_go();
         await_rest(&scene);
         let lost = 300 - answered(&scene);
-        assert_eq!(line(&replayed.ledger), proved(300, lost));
+        // What lies in its queue of twenty at the play's end it may take later.
+        let (sent, received, dropped, strength) = line(&replayed.ledger);
+        assert_eq!((sent, received + dropped, strength), (300, 300, Some(Strength::Taken)));
+        assert!((lost..=lost + 20).contains(&dropped), "{lost} lost, {dropped} reported");
         all_lost += lost;
     }
     assert!(all_lost > 0, "the node was too fast");
@@ -122,7 +125,9 @@ fn what_another_overwrites_is_counted_and_not_waited_for_as_long_as_who_has_stop
     let replayed = scene.play(&recording_of(&strings(RELIABLE), 30, 60), &ask).unwrap();
     let lost = 30 - answered(&scene);
     assert!(lost > 0, "the other was too slow");
-    assert_eq!(line(&replayed.ledger), proved(30, lost));
+    // The last one may come when it is not waited for any more.
+    let reported = line(&replayed.ledger);
+    assert!(reported == proved(30, lost) || reported == proved(30, lost + 1), "{reported:?}");
 }
 
 #[test]

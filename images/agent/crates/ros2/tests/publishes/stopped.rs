@@ -110,7 +110,7 @@ fn who_works_off_what_another_gave_it_has_not_stopped() {
         }
     };
     // Of what the other gives it, it takes fewer in that time.
-    let ask = Ask { mode: Mode::Lockstep, drain: Duration::from_secs(2), ..DEFAULT };
+    let ask = Ask { mode: Mode::Lockstep, drain: Duration::from_secs(5), ..DEFAULT };
     let played = recording_of(&strings(LATCHED), 60, 60);
     let ledger = scene.play_while(&played, &ask, &mut seen).unwrap().ledger;
     assert!(counts(&scene, Kind::Subscription, "/lane", "/in").taken > 300);
@@ -125,7 +125,7 @@ fn nor_has_one_that_is_never_at_rest() {
     let _lane = start_lane(&scene, "10", &[&both[..], &["--delay-us", "3000"]].concat());
     let _other = start_other(&scene, &["--every-us", "2500"]);
     scene.await_offered("/in", 5);
-    let ask = Ask { mode: Mode::Lockstep, drain: Duration::from_secs(2), ..DEFAULT };
+    let ask = Ask { mode: Mode::Lockstep, drain: Duration::from_secs(5), ..DEFAULT };
     let ledger = scene.play(&recording_of(&strings(RELIABLE), 30, 60), &ask).unwrap().ledger;
     assert_eq!((ledger.sent, ledger.received + ledger.dropped), (30, 30));
     assert!(ledger.strength >= Some(Strength::Taken), "{ledger:?}");
