@@ -58,6 +58,12 @@ impl Links {
         self.all.iter().filter(|link| link.state.open)
     }
 
+    /// Bytes that the slowest subscriber has not read: in our sockets, or in its own where it is
+    /// on this machine.
+    fn unread(&self) -> u64 {
+        self.open().map(Link::unread).max().unwrap_or(0)
+    }
+
     fn add(&mut self, mut link: Link) {
         link.state.id = self.all.len() as u64 + 1;
         self.all.push(link);
@@ -75,13 +81,6 @@ impl Publication {
     /// A topic without subscribers; `stall` is how long a subscriber may take no byte.
     pub(crate) fn new(info: TopicInfo, stall: Duration) -> Publication {
         Publication { info, stall, links: Mutex::default() }
-    }
-
-    /// Bytes that the slowest subscriber has not read: in our sockets, or in its own where it is
-    /// on this machine.
-    fn unread(&self) -> u64 {
-        let links = lock(&self.links);
-        links.open().map(Link::unread).max().unwrap_or(0)
     }
 
     /// The node that has read the least, if one is there still.
@@ -249,8 +248,7 @@ impl Outlet for Publication {
     fn await_unread(&self, window: u64, cancelled: Cancelled<'_>) -> Result<(), SendError> {
         let (mut before, mut progress, mut looks) = (u64::MAX, Instant::now(), 0);
         loop {
-            drop(self.links_unless(cancelled)?);
-            let left = self.unread();
+            let left = self.links_unless(cancelled)?.unread();
             if left <= window {
                 return Ok(());
             }

@@ -143,7 +143,7 @@ impl Link {
         self.taken_before.load(Ordering::Relaxed)
     }
 
-    /// Messages that each of its subscriptions has taken, whoever published them.
+    /// Messages that its subscriptions have taken in all, whoever published them.
     pub(crate) fn taken_of_all(&self, ledger: &Ledger) -> Result<u64, LedgerError> {
         self.counted.as_ref().map_or(Ok(0), |counted| counted.taken_of_all(ledger))
     }

@@ -50,10 +50,6 @@ struct Now {
     write_offs: u32,
     /// What each asks for.
     wanted: Vec<Qos>,
-    /// Messages that the smallest of their queues holds.
-    depth: u64,
-    /// Messages that the largest holds; `None` without a bound.
-    deepest: Option<u64>,
     /// The weakest of them.
     strength: Strength,
 }
@@ -140,8 +136,6 @@ impl Subscriptions {
                 written_off: None,
                 write_offs: 0,
                 wanted: wanted(subscriptions),
-                depth: depth(subscriptions),
-                deepest: deepest(subscriptions),
                 strength: weakest(subscriptions).unwrap_or(Strength::Taken),
             }),
             shared: AtomicBool::new(false),
@@ -160,11 +154,15 @@ impl Subscriptions {
         now.counted.iter().map(since).collect()
     }
 
-    /// What each has taken of ours at least, with what it is spared.
-    fn least(&self, now: &Now, ledger: &Ledger) -> Result<u64, LedgerError> {
+    /// What each has taken of ours, with what it is spared.
+    fn of_ours(&self, now: &Now, ledger: &Ledger) -> Result<Vec<u64>, LedgerError> {
         let each = self.each(now, ledger)?;
-        let all = each.iter().zip(&now.counted).map(|(taken, one)| taken.ours() + one.spared);
-        Ok(all.min().unwrap_or(0))
+        Ok(each.iter().zip(&now.counted).map(|(taken, one)| taken.ours() + one.spared).collect())
+    }
+
+    /// The least of that.
+    fn least(&self, now: &Now, ledger: &Ledger) -> Result<u64, LedgerError> {
+        Ok(self.of_ours(now, ledger)?.into_iter().min().unwrap_or(0))
     }
 
     /// Whether these are still all that there are.
@@ -212,7 +210,6 @@ impl Subscriptions {
             now.lost = sent.saturating_sub(now.earlier).saturating_sub(again);
         }
         now.wanted = wanted(subscriptions);
-        (now.depth, now.deepest) = (depth(subscriptions), deepest(subscriptions));
         Ok(())
     }
 
@@ -228,9 +225,8 @@ impl Subscriptions {
     pub(crate) fn learn(&self, publishers: &[&Endpoint], uncounted: bool) {
         self.shared.fetch_or(uncounted, Ordering::Relaxed);
         self.published.fetch_or(uncounted, Ordering::Relaxed);
-        let reaches = |one: &&&Endpoint| {
-            self.of_now(|now| now.wanted.iter().any(|wanted| reaches(&one.qos, wanted)))
-        };
+        let now = self.now.read().unwrap_or_else(PoisonError::into_inner);
+        let reaches = |one: &&&Endpoint| now.wanted.iter().any(|wanted| reaches(&one.qos, wanted));
         for one in publishers.iter().filter(reaches) {
             self.shared.store(true, Ordering::Relaxed);
             self.published.fetch_or(one.counts.offered > 0, Ordering::Relaxed);
@@ -303,14 +299,13 @@ impl Subscriptions {
         if !self.are_shared() {
             return Ok(None);
         }
-        let (write_offs, deepest, many) =
-            self.of_now(|now| (now.write_offs, now.deepest, now.counted.len() as u64));
         // Of who has taken a whole queue by each, ours is no more in it.
-        let others = match self.are_mixed(ledger)? {
-            true => 1,
-            false => deepest.unwrap_or(u64::MAX).saturating_mul(many),
+        let queues = |now: &Now| {
+            let deepest = now.wanted.iter().map(|one| depth(one).unwrap_or(u64::MAX)).max();
+            deepest.unwrap_or(0).saturating_mul(now.counted.len() as u64)
         };
-        Ok(Some((patience(write_offs), others)))
+        let others = if self.are_mixed(ledger)? { 1 } else { self.of_now(queues) };
+        Ok(Some((patience(self.of_now(|now| now.write_offs)), others)))
     }
 
     /// Has nobody be woken before each of them has taken so many more.
@@ -319,11 +314,11 @@ impl Subscriptions {
     /// The ledger can't be read.
     pub(crate) fn wake_after(&self, ledger: &Ledger, messages: u64) -> Result<(), LedgerError> {
         let now = self.now.read().unwrap_or_else(PoisonError::into_inner);
-        let least = self.least(&now, ledger)?;
-        for (one, taken) in now.counted.iter().zip(self.each(&now, ledger)?) {
+        let ours = self.of_ours(&now, ledger)?;
+        let least = ours.iter().copied().min().unwrap_or(0);
+        for (one, ours) in now.counted.iter().zip(ours) {
             // Who is ahead of the slowest is not waited for as long.
-            let ahead = (taken.ours() + one.spared).saturating_sub(least);
-            let more = messages.saturating_sub(ahead);
+            let more = messages.saturating_sub(ours - least);
             ledger.wake_from(one.id, ledger.counts(one.id)?.taken.saturating_add(more))?;
         }
         Ok(())
@@ -345,9 +340,9 @@ impl Subscriptions {
         Ok((begun, done))
     }
 
-    /// Messages that the smallest of their queues holds.
+    /// Messages that the smallest of their queues holds, as far as so many may wait.
     pub(crate) fn depth(&self) -> u64 {
-        self.of_now(|now| now.depth)
+        self.of_now(|now| now.wanted.iter().filter_map(depth).fold(MOST_WAITING, u64::min))
     }
 
     /// What the weakest of them proves.
@@ -370,29 +365,20 @@ fn weakest(subscriptions: &[&Endpoint]) -> Option<Strength> {
     subscriptions.iter().map(|one| one.strength).min()
 }
 
-/// How many a subscription that comes late takes at the most of those that are kept.
-fn given_again(wanted: &Qos) -> u64 {
-    match (wanted.durability, wanted.history) {
-        (Durability::TransientLocal, History::KeepLast) => wanted.depth,
-        (Durability::TransientLocal, _) => u64::MAX,
-        _ => 0,
+/// Messages that a subscription's queue holds; `None` without a bound.
+fn depth(wanted: &Qos) -> Option<u64> {
+    match wanted.history {
+        History::KeepLast => Some(wanted.depth.max(1)),
+        History::KeepAll | History::Other(_) => None,
     }
 }
 
-fn deepest(subscriptions: &[&Endpoint]) -> Option<u64> {
-    let depth = |one: &&Endpoint| match one.qos.history {
-        History::KeepLast => Some(one.qos.depth.max(1)),
-        History::KeepAll | History::Other(_) => None,
-    };
-    subscriptions.iter().map(depth).try_fold(0, |most, depth| Some(depth?.max(most)))
-}
-
-fn depth(subscriptions: &[&Endpoint]) -> u64 {
-    let depth = |one: &&Endpoint| match one.qos.history {
-        History::KeepLast => one.qos.depth.clamp(1, MOST_WAITING),
-        History::KeepAll | History::Other(_) => MOST_WAITING,
-    };
-    subscriptions.iter().map(depth).min().unwrap_or(MOST_WAITING)
+/// How many a subscription that comes late takes at the most of those that are kept.
+fn given_again(wanted: &Qos) -> u64 {
+    match wanted.durability {
+        Durability::TransientLocal => depth(wanted).unwrap_or(u64::MAX),
+        Durability::Volatile | Durability::Other(_) => 0,
+    }
 }
 
 #[cfg(test)]

@@ -163,8 +163,8 @@ impl Topic {
     fn may_wait_for(&self, link: &Link, progress: &mut Progress) -> Result<(), SendError> {
         let (ledger, failed) = (&self.means.ledger, |error: LedgerError| failed(&error));
         let (done, all) = (done(link, ledger), link.taken_of_all(ledger).map_err(failed)?);
-        let seen = progress.look(Instant::now(), done.map_err(failed)?, all);
-        let seen = Seen { since_sent: all.saturating_sub(link.taken_before()), ..seen };
+        let (waited, idle) = progress.look(Instant::now(), done.map_err(failed)?, all);
+        let seen = Seen { waited, idle, since_sent: all.saturating_sub(link.taken_before()) };
         let patience = link.patience(ledger).map_err(failed)?;
         if !seen.lacks(self.means.stall, patience) {
             return Ok(());
@@ -172,7 +172,7 @@ impl Topic {
         if link.write_off(ledger).map_err(failed)? {
             *progress = Progress::default();
         } else if seen.has_stopped(self.means.stall) {
-            let (node, topic, waited) = (link.node.clone(), self.info.topic.clone(), seen.waited);
+            let (node, topic) = (link.node.clone(), self.info.topic.clone());
             return Err(SendError::Stalled { node, topic, waited });
         }
         Ok(())
@@ -189,8 +189,9 @@ struct Progress {
 }
 
 impl Progress {
-    /// Takes in how far it is now.
-    fn look(&mut self, now: Instant, done: i128, all: u64) -> Seen {
+    /// Takes in how far it is now; how long none of ours was taken or done with, and how long nothing was
+    /// taken at all.
+    fn look(&mut self, now: Instant, done: i128, all: u64) -> (Duration, Duration) {
         if self.done.is_none_or(|(before, _)| done > before) {
             (self.done, self.all) = (Some((done, now)), None);
         }
@@ -199,12 +200,12 @@ impl Progress {
         }
         let since = |at: Option<Instant>| at.map_or(Duration::ZERO, |at| now - at);
         let (done, all) = (self.done.map(|(_, at)| at), self.all.map(|(_, at)| at));
-        Seen { waited: since(done), idle: since(all), since_sent: 0 }
+        (since(done), since(all))
     }
 }
 
 /// What is seen of somebody who is waited for.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy)]
 struct Seen {
     /// How long no message of ours was taken or done with.
     waited: Duration,
@@ -305,10 +306,7 @@ mod tests {
     fn progress_is_a_message_of_ours_and_who_takes_others_is_not_idle() {
         let (begun, mut progress) = (Instant::now(), Progress::default());
         let s = Duration::from_secs;
-        let mut look = |seconds, done, all| {
-            let seen = progress.look(begun + s(seconds), done, all);
-            (seen.waited, seen.idle)
-        };
+        let mut look = |seconds, done, all| progress.look(begun + s(seconds), done, all);
         assert_eq!(look(0, -1, 7), (s(0), s(0)));
         assert_eq!(look(3, -1, 9), (s(3), s(0)));
         // One of the stack's own in hand, and done with.

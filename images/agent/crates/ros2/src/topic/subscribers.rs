@@ -63,7 +63,6 @@ impl Topic {
             subscriptions.retain(|one| self.reaches(one));
             !subscriptions.is_empty()
         });
-        self.learn_publishers(&look.endpoints);
         self.strangers().retain(|owner, _| nodes.contains_key(owner));
         let mut links = Vec::clone(&self.links());
         for link in &links {
@@ -91,6 +90,7 @@ impl Topic {
             self.refresh_uncounted(&mut links, uncounted, missed);
         }
         *self.links.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(links);
+        self.learn_publishers(&look.endpoints);
         self.listed.store(look.listed, Ordering::Relaxed);
         Ok(())
     }
@@ -123,7 +123,6 @@ impl Topic {
         let counted = Subscriptions::new(subscriptions, &self.means.ledger, (is_known, begun))?;
         let name = self.named(links, &owner.1);
         links.push(self.link(name, counted, missed));
-        self.learn_publishers(&look.endpoints);
         Ok(())
     }
 
