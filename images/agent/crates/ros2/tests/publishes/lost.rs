@@ -12,7 +12,8 @@ use bagpipe_ros2ledger::Kind;
 use crate::scene::{Ask, DEFAULT, MS, Scene, recorded, recording, recording_of, stamped};
 use crate::standin::{Node, eventually};
 use crate::{
-    LATCHED, OUT, RELIABLE, answered, counts, line, start_lane, start_other, strings, whole,
+    LATCHED, OUT, RELIABLE, answered, counts, late_queue, line, start_keeping, start_lane,
+    start_lane_of, start_other, strings, whole,
 };
 
 /// The line of a play in which so many were lost: of the last callbacks it is not known whether they
@@ -32,13 +33,8 @@ fn await_rest(scene: &Scene) {
 #[test]
 fn what_waited_of_the_stack_s_own_when_we_came_hides_no_loss_of_ours() {
     let scene = Scene::new();
-    let queue = "/in:std_msgs/msg/String:100:reliable:transient_local";
-    let other = ["--name", "/other", "--pub", queue, "--burst", "100"];
-    let _other = scene.start("standin_node", &other);
-    scene.await_published("/in", 100);
-    let lane = ["--name", "/lane", "--relay", "/in=/out", "--answers-from", "60"];
-    let lane = [&lane[..], &["--delay-us", "8000", "--sub", queue], &OUT].concat();
-    let _lane = scene.start("standin_node", &lane);
+    let _other = start_keeping(&scene, 100, &[]);
+    let _lane = start_lane_of(&scene, &late_queue("100"), &["--delay-us", "8000"]);
     let ask = Ask { mode: Mode::Realtime, ..DEFAULT };
     let ledger = scene.play(&recording_of(&strings(LATCHED), 150, 60), &ask).unwrap().ledger;
     await_rest(&scene);
@@ -173,9 +169,8 @@ fn hash(bytes: &[u8]) -> String {
 /// a message that was behind all before, and what the ledger says.
 fn to_one_that_subscribes_again(mode: Mode, depth: &str, delay: &str) -> (u64, u64, Ledger) {
     let scene = Scene::new();
-    let queue = format!("/in:std_msgs/msg/String:{depth}:reliable:transient_local");
-    let lane = ["--name", "/lane", "--relay", "/in=/out", "--sub", &queue, "--renew-every", "100"];
-    let _lane = scene.start("standin_node", &[&lane[..], &OUT, &["--delay-us", delay]].concat());
+    let more = ["--renew-every", "100", "--delay-us", delay];
+    let _lane = start_lane_of(&scene, &late_queue(depth), &more);
     let ask = Ask { mode, drain: Duration::from_secs(2), ..DEFAULT };
     let replayed = scene.play(&recording_of(&strings(LATCHED), 400, 60), &ask).unwrap();
     let numbers: BTreeMap<String, u64> =

@@ -11,11 +11,13 @@ mod stopped;
 mod unclear;
 mod whole;
 
+use std::time::Duration;
+
 use bagpipe_log::Connection;
-use bagpipe_replay::{Ledger, Mode, Strength};
+use bagpipe_replay::{Ledger, Mode, Progress, Replayed, Stage, Strength};
 use bagpipe_ros2ledger::{Counts, Endpoint, Kind};
-use scene::{Ask, DEFAULT, Scene, imu, recorded, recording};
-use standin::Node;
+use scene::{Ask, DEFAULT, Scene, imu, recorded, recording, recording_of};
+use standin::{Node, eventually};
 
 const RELIABLE: &str =
     "- history: keep_last\n  depth: 1000\n  reliability: reliable\n  durability: volatile\n";
@@ -33,18 +35,57 @@ fn strings(qos: &str) -> Connection {
     }
 }
 
+/// A queue for what is played, of so many; and one that is given what was kept before it came.
+fn queue(depth: &str) -> String {
+    format!("/in:std_msgs/msg/String:{depth}:reliable")
+}
+
+fn late_queue(depth: &str) -> String {
+    format!("{}:transient_local", queue(depth))
+}
+
 /// A node of the stack that answers what is played on /in, of which its queue holds so many: not what the
 /// stack publishes, which is shorter.
 fn start_lane(scene: &Scene, depth: &str, more: &[&str]) -> Node {
-    let queue = format!("/in:std_msgs/msg/String:{depth}:reliable");
-    let lane = ["--name", "/lane", "--relay", "/in=/out", "--answers-from", "60", "--sub", &queue];
+    start_lane_of(scene, &queue(depth), more)
+}
+
+fn start_lane_of(scene: &Scene, queue: &str, more: &[&str]) -> Node {
+    let lane = ["--name", "/lane", "--relay", "/in=/out", "--answers-from", "60", "--sub", queue];
     scene.start("standin_node", &[&lane[..], &OUT, more].concat())
 }
 
 /// One that publishes /in as well.
 fn start_other(scene: &Scene, more: &[&str]) -> Node {
-    let other = ["--name", "/other", "--pub", "/in:std_msgs/msg/String:1000:reliable"];
+    let queue = queue("1000");
+    let other = ["--name", "/other", "--pub", &queue];
     scene.start("standin_node", &[&other[..], more].concat())
+}
+
+/// One that has published so many, and keeps them for who comes late.
+fn start_keeping(scene: &Scene, many: u64, more: &[&str]) -> Node {
+    let (many_words, queue) = (many.to_string(), late_queue(&many.to_string()));
+    let other = ["--name", "/other", "--pub", &queue, "--burst", &many_words];
+    let other = scene.start("standin_node", &[&other[..], more].concat());
+    scene.await_published("/in", many);
+    other
+}
+
+/// Plays messages by the clock, and when that begins a node that does not count publishes as well.
+fn beside_who_begins_uncounted(scene: &Scene) -> Replayed {
+    let mut other = None;
+    let looks = scene.graph.player();
+    let is_there = || looks.graph().unwrap().iter().any(|node| node.name == "/other");
+    let mut seen = |progress: Progress| {
+        if progress.stage == Stage::Play && other.is_none() {
+            let queue = queue("1000");
+            let words = ["--name", "/other", "--pub", &queue, "--burst", "1"];
+            other = Some(scene.start_uncounted("standin_node", &words));
+            eventually(is_there);
+        }
+    };
+    let ask = Ask { mode: Mode::Realtime, drain: Duration::from_secs(2), ..DEFAULT };
+    scene.play_while(&recording_of(&strings(RELIABLE), 700, 60), &ask, &mut seen).unwrap()
 }
 
 /// What a node has done on a topic.

@@ -9,7 +9,8 @@ use bagpipe_ros2ledger::Kind;
 use crate::scene::{Ask, DEFAULT, Scene, recording_of};
 use crate::standin::eventually;
 use crate::{
-    LATCHED, OUT, RELIABLE, answered, counts, line, start_lane, start_other, strings, whole,
+    LATCHED, RELIABLE, answered, counts, late_queue, line, start_lane, start_lane_of, start_other,
+    strings, whole,
 };
 
 #[test]
@@ -98,14 +99,12 @@ fn who_has_stopped_is_named_though_another_comes_and_goes() {
 #[test]
 fn who_works_off_what_another_gave_it_has_not_stopped() {
     let scene = Scene::new();
-    let queue = "/in:std_msgs/msg/String:1000:reliable:transient_local";
-    let lane = ["--name", "/lane", "--relay", "/in=/out", "--answers-from", "60"];
-    let lane = [&lane[..], &["--sub", queue, "--delay-us", "20000"], &OUT].concat();
-    let _lane = scene.start("standin_node", &lane);
+    let queue = late_queue("1000");
+    let _lane = start_lane_of(&scene, &queue, &["--delay-us", "20000"]);
     let mut other = None;
     let mut seen = |progress: Progress| {
         if progress.stage == Stage::Play && progress.sent > 0 && other.is_none() {
-            let words = ["--name", "/other", "--pub", queue, "--burst", "300"];
+            let words = ["--name", "/other", "--pub", &queue, "--burst", "300"];
             other = Some(scene.start("standin_node", &words));
         }
     };

@@ -9,7 +9,10 @@ use bagpipe_ros2ledger::Kind;
 
 use crate::scene::{Ask, DEFAULT, Scene, recording_of};
 use crate::standin::eventually;
-use crate::{RELIABLE, answered, counts, line, start_lane, start_other, strings, whole};
+use crate::{
+    RELIABLE, answered, beside_who_begins_uncounted, counts, line, start_lane, start_other,
+    strings, whole,
+};
 
 const NONE: [&str; 2] = ["--origins", "none"];
 
@@ -51,20 +54,7 @@ fn nothing_is_proved_beside_another_publisher() {
 fn nor_beside_one_that_begins_to_publish_uncounted() {
     let scene = Scene::new();
     let _lane = start_lane(&scene, "1000", &NONE);
-    let mut other = None;
-    let looks = scene.graph.player();
-    let is_there = || looks.graph().unwrap().iter().any(|node| node.name == "/other");
-    let mut seen = |progress: Progress| {
-        if progress.stage == Stage::Play && other.is_none() {
-            let queue = "/in:std_msgs/msg/String:1000:reliable";
-            let words = ["--name", "/other", "--pub", queue, "--burst", "1"];
-            other = Some(scene.start_uncounted("standin_node", &words));
-            eventually(is_there);
-        }
-    };
-    let ask = Ask { mode: Mode::Realtime, drain: Duration::from_secs(2), ..DEFAULT };
-    let played = recording_of(&strings(RELIABLE), 700, 60);
-    let replayed = scene.play_while(&played, &ask, &mut seen).unwrap();
+    let replayed = beside_who_begins_uncounted(&scene);
     assert_unproved(&replayed, 700);
 }
 

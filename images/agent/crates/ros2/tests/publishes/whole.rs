@@ -9,7 +9,8 @@ use bagpipe_ros2ledger::Kind;
 use crate::scene::{Ask, DEFAULT, RELAY, Scene, recording, recording_of};
 use crate::standin::eventually;
 use crate::{
-    LATCHED, OUT, RELIABLE, answered, counts, line, start_lane, start_other, strings, whole,
+    LATCHED, OUT, RELIABLE, answered, beside_who_begins_uncounted, counts, late_queue, line,
+    start_keeping, start_lane, start_lane_of, start_other, strings, whole,
 };
 
 /// Plays messages of /in while another node of the stack publishes it, each of its calls returning so
@@ -40,12 +41,8 @@ fn nor_is_what_it_publishes_where_a_publish_is_always_under_way() {
 #[test]
 fn what_waits_of_the_stack_s_own_when_we_come_costs_no_message_of_ours() {
     let scene = Scene::new();
-    let queue = "/in:std_msgs/msg/String:10:reliable:transient_local";
-    let other = ["--name", "/other", "--pub", queue, "--burst", "10"];
-    let _other = scene.start("standin_node", &other);
-    scene.await_published("/in", 10);
-    let lane = ["--name", "/lane", "--relay", "/in=/out", "--delay-us", "50000", "--sub", queue];
-    let _lane = scene.start("standin_node", &[&lane[..], &OUT].concat());
+    let _other = start_keeping(&scene, 10, &[]);
+    let _lane = start_lane_of(&scene, &late_queue("10"), &["--delay-us", "50000"]);
     let ask = Ask { mode: Mode::Max, ..DEFAULT };
     let replayed = scene.play(&recording_of(&strings(LATCHED), 150, 60), &ask).unwrap();
     assert_eq!(line(&replayed.ledger), whole(150));
@@ -54,12 +51,8 @@ fn what_waits_of_the_stack_s_own_when_we_come_costs_no_message_of_ours() {
 #[test]
 fn nor_does_what_a_publisher_keeps_for_the_node_and_that_is_on_its_way() {
     let scene = Scene::new();
-    let queue = "/in:std_msgs/msg/String:10:reliable:transient_local";
-    let keeps = ["--name", "/other", "--pub", queue, "--burst", "10", "--meets-late-ms", "60000"];
-    let _other = scene.start("standin_node", &keeps);
-    scene.await_published("/in", 10);
-    let lane = ["--name", "/lane", "--relay", "/in=/out", "--sub", queue];
-    let _lane = scene.start("standin_node", &[&lane[..], &OUT].concat());
+    let _other = start_keeping(&scene, 10, &["--meets-late-ms", "60000"]);
+    let _lane = start_lane_of(&scene, &late_queue("10"), &[]);
     let ask = Ask { mode: Mode::Max, ..DEFAULT };
     let ledger = scene.play(&recording_of(&strings(LATCHED), 50, 60), &ask).unwrap().ledger;
     assert_eq!(line(&ledger), whole(50));
@@ -136,20 +129,7 @@ fn who_subscribes_again_beside_another_publisher_has_all() {
 fn who_begins_to_publish_uncounted_makes_nothing_unproved() {
     let scene = Scene::new();
     let _lane = start_lane(&scene, "5000", &[]);
-    let mut other = None;
-    let looks = scene.graph.player();
-    let is_there = || looks.graph().unwrap().iter().any(|node| node.name == "/other");
-    let mut seen = |progress: Progress| {
-        if progress.stage == Stage::Play && other.is_none() {
-            let queue = "/in:std_msgs/msg/String:1000:reliable";
-            let words = ["--name", "/other", "--pub", queue, "--burst", "1"];
-            other = Some(scene.start_uncounted("standin_node", &words));
-            eventually(is_there);
-        }
-    };
-    let ask = Ask { mode: Mode::Realtime, drain: Duration::from_secs(2), ..DEFAULT };
-    let played = recording_of(&strings(RELIABLE), 700, 60);
-    let replayed = scene.play_while(&played, &ask, &mut seen).unwrap();
+    let replayed = beside_who_begins_uncounted(&scene);
     assert_eq!((line(&replayed.ledger), answered(&scene)), (whole(700), 700));
 }
 
@@ -246,13 +226,15 @@ fn nor_is_what_one_of_its_subscriptions_is_given_and_another_is_not() {
     let mut seen = |progress: Progress| {
         if progress.stage == Stage::Play && progress.sent > 0 {
             other.signal("CONT");
+            scene.await_published("/in", 11);
         }
     };
-    let ask = Ask { mode: Mode::Realtime, ..DEFAULT };
-    let played = recording_of(&strings(RELIABLE), 300, 60);
+    // For as long as a second, so that somebody looks meanwhile.
+    let ask = Ask { mode: Mode::Realtime, rate: 0.5, ..DEFAULT };
+    let played = recording_of(&strings(RELIABLE), 500, 60);
     let replayed = scene.play_while(&played, &ask, &mut seen).unwrap();
-    assert!(counts(&scene, Kind::Publisher, "/other", "/in").published > 5);
-    assert_eq!(line(&replayed.ledger), whole(300));
+    assert!(counts(&scene, Kind::Publisher, "/other", "/in").published > 10);
+    assert_eq!(line(&replayed.ledger), whole(500));
 }
 
 #[test]
