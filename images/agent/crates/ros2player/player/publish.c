@@ -14,12 +14,15 @@ static pthread_mutex_t reading = PTHREAD_MUTEX_INITIALIZER;
 
 void publisher_add(const struct wanted *wanted, struct answer *into) {
   if (!publisher_make(wanted, into)) return;
-  uint8_t gid[GID_BYTES];
+  uint8_t gid[GID_BYTES] = {0};
+  uint64_t halves[2];
   bool known = publisher_gid(wanted->slot, gid);
+  memcpy(halves, gid, sizeof halves);
   atomic_store(&live[wanted->slot], true);
   answer_number(into, STATUS_DONE);
   answer_number(into, known);
-  for (int byte = 0; known && byte < GID_BYTES; byte++) answer_number(into, gid[byte]);
+  answer_long(into, halves[0]);
+  answer_long(into, halves[1]);
 }
 
 void publisher_matched(uint32_t slot, struct answer *into) {

@@ -26,9 +26,6 @@ use crate::{PlayerError, Qos};
 pub(crate) const LOOK: Duration = Duration::from_millis(20);
 const LEAST_ROOM: u64 = 1 << 16;
 
-/// Bytes of what a publisher is known by.
-const GID_BYTES: usize = 16;
-
 /// A publisher of one [`Player`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct PublisherId(u16);
@@ -54,7 +51,7 @@ pub struct Player {
 struct Publisher {
     topic: String,
     /// What its messages are known by in nodes that take them.
-    gid: Option<[u8; GID_BYTES]>,
+    gid: Option<[u8; 16]>,
     /// Messages whose refusal was reported.
     refused: u64,
 }
@@ -365,15 +362,11 @@ fn slot<T>(list: &Mutex<Vec<T>>, one: T, topic: &str) -> Result<u16, PlayerError
 }
 
 /// Of the answer that a publisher was made.
-fn gid(answer: &mut Answer) -> Result<Option<[u8; GID_BYTES]>, PlayerError> {
-    if answer.number()? == 0 {
-        return Ok(None);
-    }
-    let mut gid = [0; GID_BYTES];
-    for byte in &mut gid {
-        *byte = answer.number()? as u8;
-    }
-    Ok(Some(gid))
+fn gid(answer: &mut Answer) -> Result<Option<[u8; 16]>, PlayerError> {
+    let known = answer.number()? != 0;
+    let (low, high) = (answer.long()?, answer.long()?);
+    let gid = u128::from(high) << 64 | u128::from(low);
+    Ok(known.then(|| gid.to_le_bytes()))
 }
 
 fn known<T>(list: &Mutex<Vec<T>>, slot: u16) -> Result<(), PlayerError> {
