@@ -10,7 +10,7 @@ use bagpipe_ros2ledger::Kind;
 use crate::scene::{Ask, DEFAULT, Scene, recording_of};
 use crate::standin::eventually;
 use crate::{
-    RELIABLE, answered, beside_who_begins_uncounted, counts, line, start_lane, start_other,
+    RELIABLE, answered, beside_who_begins_uncounted, counts, line, queue, start_lane, start_other,
     strings, whole,
 };
 
@@ -108,14 +108,20 @@ fn nothing_is_proved_where_somebody_published_whom_nobody_saw() {
     let scene = Scene::new();
     // It is at work until the other has left, and knows of none of its messages whose they are.
     let _lane = start_lane(&scene, "50", &["--first-us", "6000000"]);
+    let queue = queue("1000");
+    let _witness = scene.start("standin_node", &["--name", "/witness", "--sub", &queue]);
+    scene.await_subscriptions(2);
     let ask = Ask { mode: Mode::Realtime, drain: Duration::from_secs(20), ..DEFAULT };
     let replayed = std::thread::scope(|scope| {
         scope.spawn(|| {
             eventually(|| counts(&scene, Kind::Subscription, "/lane", "/in").taken > 0);
-            let queue = "/in:std_msgs/msg/String:1000:reliable";
-            let words = ["--name", "/other", "--pub", queue, "--burst", "0", "--every-us", "1000"];
+            let words = ["--name", "/other", "--pub", &queue, "--burst", "0", "--every-us", "1000"];
             let other = scene.start_uncounted("standin_node", &words);
-            std::thread::sleep(Duration::from_millis(300));
+            // As many have come to who is at no work.
+            eventually(|| {
+                let witness = counts(&scene, Kind::Subscription, "/witness", "/in");
+                witness.taken - witness.taken_own >= 100
+            });
             assert!(other.end());
         });
         scene.play(&recording_of(&strings(RELIABLE), 51, 60), &ask).unwrap()
