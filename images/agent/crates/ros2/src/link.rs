@@ -115,6 +115,11 @@ impl Link {
         Ok(others)
     }
 
+    /// The node is gone: what is kept for who comes late is none of what went out to it, if it comes back.
+    pub(crate) fn end(&self, ledger: &Ledger) -> Result<(), LedgerError> {
+        self.counted.as_ref().map_or(Ok(()), |counted| counted.end(ledger))
+    }
+
     /// Whether it is of this node in this process.
     pub(crate) fn is_of(&self, (process, node): &(ProcessId, String)) -> bool {
         self.node == *node && self.counted.as_ref().is_some_and(|one| one.process == *process)
@@ -217,9 +222,7 @@ impl Link {
 
     /// Messages that wait in the middleware or are on their way to it; 0 where nobody counts.
     pub(crate) fn waiting(&self, ledger: &Ledger) -> Result<u64, LedgerError> {
-        let Some(counted) = &self.counted else { return Ok(0) };
-        let taken = counted.taken(ledger)?;
-        Ok(counted.waiting(self.sent(), taken))
+        self.counted.as_ref().map_or(Ok(0), |counted| counted.waiting(self.sent(), ledger))
     }
 
     /// Has nobody be woken before each of its subscriptions has taken so many more than the slowest.

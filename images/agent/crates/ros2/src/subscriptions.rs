@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use bagpipe_ros2ledger::{
     Counts, Durability, Endpoint, EndpointId, History, Ledger, LedgerError, ProcessId, Qos,
-    Strength,
+    Reliability, Strength,
 };
 
 use crate::qos::reaches;
@@ -48,6 +48,8 @@ struct Now {
     written_off: Option<u64>,
     /// How often that was.
     write_offs: u32,
+    /// Those before them, while there are none.
+    left: Vec<EndpointId>,
     /// What each asks for.
     wanted: Vec<Qos>,
     /// The weakest of them.
@@ -104,26 +106,35 @@ struct Counted {
     /// Messages of ours that count as taken: those that it was ahead of the slowest of its node, or that
     /// went out before it was there.
     spared: u64,
+    /// Those that lay in the queue of the one whose place it took, and never come.
+    never: u64,
+}
+
+impl Counted {
+    /// One that has taken nothing yet.
+    fn new(id: EndpointId) -> Counted {
+        Counted { id, before: Taken::default(), spared: 0, never: 0 }
+    }
 }
 
 impl Subscriptions {
-    /// Of the subscriptions of one node, counted from now, or, where they are new to what has `begun` to
-    /// be played, from their beginning. `known`: our publisher is.
+    /// Of the subscriptions of one node, counted from now, or `at_once`: from when they were there, as
+    /// what has gone out to them since counts as well. `known`: our publisher is.
     ///
     /// # Errors
     /// The ledger can't be read.
     pub(crate) fn new(
         subscriptions: &[&Endpoint],
         ledger: &Ledger,
-        (known, begun): (bool, bool),
+        (known, at_once): (bool, bool),
     ) -> Result<Option<Self>, LedgerError> {
         let Some(process) = subscriptions.first().map(|one| one.process) else { return Ok(None) };
         let counted = |one: &&Endpoint| {
-            let before = match begun {
+            let before = match at_once {
                 true => Taken::default(),
                 false => Taken::of(&ledger.counts(one.id)?, known),
             };
-            Ok(Counted { id: one.id, before, spared: 0 })
+            Ok(Counted { before, ..Counted::new(one.id) })
         };
         Ok(Some(Subscriptions {
             process,
@@ -135,6 +146,7 @@ impl Subscriptions {
                 lost: 0,
                 written_off: None,
                 write_offs: 0,
+                left: Vec::new(),
                 wanted: wanted(subscriptions),
                 strength: weakest(subscriptions).unwrap_or(Strength::Taken),
             }),
@@ -184,33 +196,57 @@ impl Subscriptions {
         ledger: &Ledger,
     ) -> Result<(), LedgerError> {
         let mut now = self.now.write().unwrap_or_else(PoisonError::into_inner);
-        let least = self.least(&now, ledger)?;
-        let mut stay = BTreeMap::new();
-        for one in &now.counted.clone() {
+        let before = self.leave(&mut now, ledger)?;
+        let waits = sent.saturating_sub(now.earlier);
+        if subscriptions.iter().any(|one| before.contains_key(&one.id)) {
+            let waits = waits.saturating_sub(now.lost);
+            let counted = |one: &&Endpoint| match before.get(&one.id) {
+                Some((stays, _)) => *stays,
+                // What waits for the others was never sent to it.
+                None if one.late => Counted { spared: waits, ..Counted::new(one.id) },
+                None => comes(one, &before, waits, kept),
+            };
+            now.counted = subscriptions.iter().map(counted).collect();
+        } else {
+            let all = subscriptions.iter().map(|one| comes(one, &before, waits, kept));
+            now.counted = all.collect();
+            // What is given to none of them again is lost.
+            let never = now.counted.iter_mut().map(|one| std::mem::take(&mut one.never));
+            now.lost = never.max().unwrap_or(waits);
+        }
+        now.left = if subscriptions.is_empty() { before.into_keys().collect() } else { Vec::new() };
+        now.wanted = wanted(subscriptions);
+        Ok(())
+    }
+
+    /// Counts what they have taken by now as taken before others: each as it goes on from here if it stays,
+    /// and the latest stamp of what it has taken.
+    fn leave(
+        &self,
+        now: &mut Now,
+        ledger: &Ledger,
+    ) -> Result<BTreeMap<EndpointId, (Counted, i64)>, LedgerError> {
+        let least = self.least(now, ledger)?;
+        let mut before = BTreeMap::new();
+        for one in &now.counted {
             let counts = Taken::of(&ledger.counts(one.id)?, self.known);
             let since = counts.since(one.before);
             now.before.all += since.all;
             now.before.unclear += since.unclear;
             let spared = (since.ours() + one.spared).saturating_sub(least);
-            stay.insert(one.id, Counted { before: counts, spared, ..*one });
+            let goes_on = Counted { before: counts, spared, ..*one };
+            before.insert(one.id, (goes_on, ledger.latest(one.id)?));
         }
         now.earlier += least;
-        let some_stay = subscriptions.iter().any(|one| stay.contains_key(&one.id));
-        let waits = sent.saturating_sub(now.earlier + now.lost);
-        // What waits for the others never comes to a new one.
-        let spared = if some_stay { waits } else { 0 };
-        let new = |id| Counted { id, before: Taken::default(), spared };
-        now.counted = subscriptions
-            .iter()
-            .map(|one| stay.get(&one.id).copied().unwrap_or_else(|| new(one.id)))
-            .collect();
-        if !some_stay {
-            let given = |one: &&Endpoint| kept.min(given_again(&one.qos));
-            let again = subscriptions.iter().map(given).min().unwrap_or(0);
-            now.lost = sent.saturating_sub(now.earlier).saturating_sub(again);
-        }
-        now.wanted = wanted(subscriptions);
-        Ok(())
+        Ok(before)
+    }
+
+    /// Nobody takes the place of those that there were last.
+    ///
+    /// # Errors
+    /// The ledger can't be read.
+    pub(crate) fn end(&self, ledger: &Ledger) -> Result<(), LedgerError> {
+        self.of_now(|now| now.left.iter().try_for_each(|id| ledger.end(*id)))
     }
 
     /// Takes in how far they prove what they take, which a subscription shows when it is complete.
@@ -268,13 +304,20 @@ impl Subscriptions {
         Ok(now.before.all + there)
     }
 
-    /// Messages that wait for them of so many that were sent, `taken` of which were taken. What was written
-    /// off and has been taken after all is written off no more.
-    pub(crate) fn waiting(&self, sent: u64, taken: u64) -> u64 {
-        let left = sent.saturating_sub(taken);
+    /// Messages that wait for the slowest of them, of so many that were sent. What was written off and has
+    /// been taken after all is written off no more.
+    ///
+    /// # Errors
+    /// The ledger can't be read.
+    pub(crate) fn waiting(&self, sent: u64, ledger: &Ledger) -> Result<u64, LedgerError> {
         let mut now = self.now.write().unwrap_or_else(PoisonError::into_inner);
+        let ours = self.of_ours(&now, ledger)?;
+        let sent = sent.saturating_sub(now.earlier);
+        let each = ours.iter().zip(&now.counted);
+        let left = each.map(|(ours, one)| sent.saturating_sub(ours + one.never)).max();
+        let left = left.unwrap_or(sent);
         now.lost = now.lost.min(left);
-        left - now.lost
+        Ok(left - now.lost)
     }
 
     /// Waits for none of so many any more that wait: beside another publisher they were overwritten. Of
@@ -373,11 +416,27 @@ fn depth(wanted: &Qos) -> Option<u64> {
     }
 }
 
-/// How many a subscription that comes late takes at the most of those that are kept.
+/// A subscription that comes when so many wait for the slowest of those `before`, and so many are `kept`: it
+/// goes on where the one was whose place it takes, and is given again what is kept, unless it is late.
+fn comes(
+    subscription: &Endpoint,
+    before: &BTreeMap<EndpointId, (Counted, i64)>,
+    waits: u64,
+    kept: u64,
+) -> Counted {
+    let replaced = before.values().filter(|(_, latest)| *latest == subscription.after);
+    let spared = replaced.map(|(one, _)| one.spared).max().unwrap_or(0);
+    let again = if subscription.late { 0 } else { kept.min(given_again(&subscription.qos)) };
+    let never = waits.saturating_sub(spared).saturating_sub(again);
+    Counted { spared, never, ..Counted::new(subscription.id) }
+}
+
+/// How many a subscription takes at the most of those that are kept, in the place of one before it: none,
+/// where it does not confirm what it has.
 fn given_again(wanted: &Qos) -> u64 {
-    match wanted.durability {
-        Durability::TransientLocal => depth(wanted).unwrap_or(u64::MAX),
-        Durability::Volatile | Durability::Other(_) => 0,
+    match (wanted.durability, wanted.reliability) {
+        (Durability::TransientLocal, Reliability::Reliable) => depth(wanted).unwrap_or(u64::MAX),
+        _ => 0,
     }
 }
 

@@ -105,10 +105,11 @@ void count_rest(const void *waited_for, uint64_t begun) {
   if (endpoint != NULL) note_rest(endpoint, begun);
 }
 
-/* What the node has taken by another subscription counts no second time. */
+/* What the node has taken by another subscription counts no second time, and what was published before
+ * it was there not at all. A middleware without stamps gives 0. */
 static void note_own(struct ledger_endpoint *endpoint, uint64_t messages, int64_t stamp) {
   int64_t after = atomic_load_explicit(&endpoint->own_after, memory_order_relaxed);
-  if (after != 0 && stamp <= after) return;
+  if (after != 0 && stamp != 0 && stamp <= after) return;
   int64_t latest = atomic_load(&endpoint->own_latest);
   while (latest < stamp && !atomic_compare_exchange_weak(&endpoint->own_latest, &latest, stamp))
     continue;

@@ -5,10 +5,11 @@
 #include <stdint.h>
 
 #define LEDGER_MAGIC 0x3152444c50474142ull /* "BAGPLDR1" */
-#define LEDGER_VERSION 6u
+#define LEDGER_VERSION 7u
 #define LEDGER_PROCESSES 512u
 #define LEDGER_ENDPOINTS 4096u
 #define LEDGER_NAME_BYTES 256u
+#define LEDGER_ENDED INT64_MAX
 #define LEDGER_OWN 4096u /* a power of two, of which half are used at the most */
 
 /* What somebody may wait for: an index into `wanted`. */
@@ -30,8 +31,9 @@ enum ledger_process_state { PROCESS_FREE, PROCESS_LIVE, PROCESS_REPLACED };
 
 enum ledger_kind { KIND_SUBSCRIPTION = 1, KIND_PUBLISHER = 2 };
 
-/* The callback is known, so that starts and ends are counted; so is an intra-process one. */
-enum ledger_flag { FLAG_CALLS = 1, FLAG_INTRA = 2 };
+/* The callback is known, so that starts and ends are counted; so is an intra-process one; a subscription
+ * that was listed after one of `own` had published, and takes no other's place. */
+enum ledger_flag { FLAG_CALLS = 1, FLAG_INTRA = 2, FLAG_LATE = 4 };
 
 struct ledger_header {
   _Atomic uint64_t magic;
@@ -46,7 +48,8 @@ struct ledger_header {
   _Atomic uint32_t wanted[EVENTS]; /* not 0: somebody is to be woken by the next such event */
   _Atomic uint32_t watch_matches; /* not 0: the number of the watch that asks for matches */
   _Atomic uint32_t listings; /* endpoints that were ever listed, each once it can be read */
-  _Atomic uint32_t reserved_wanted[7];
+  _Atomic uint32_t own_published; /* not 0: one of `own` has published */
+  _Atomic uint32_t reserved_wanted[6];
 };
 
 struct ledger_process {
@@ -91,9 +94,10 @@ struct ledger_endpoint {
    * whose publisher was not to be known. */
   _Atomic uint64_t taken_own;
   _Atomic uint64_t taken_unknown;
-  /* Stamps of the source, in ns since 1970: the latest of `own` that was taken; and the latest that the
-   * node had taken by another subscription of the topic, which it destroyed before: what is kept for
-   * who comes late is given to this one again. */
+  /* Stamps of the source, in ns since 1970: the latest of `own` that was taken; and the one after which
+   * they count, as what is kept for who comes late is given to this one too: the latest that the node
+   * had taken by one that it destroyed before, whose place this one takes; otherwise, of a late one,
+   * when it was listed. LEDGER_ENDED: nobody takes this one's place. */
   _Atomic int64_t own_latest;
   _Atomic int64_t own_after;
   _Atomic uint64_t reserved_counts[3];

@@ -2,6 +2,7 @@
 
 #include <stdio.h>
 #include <string.h>
+#include <time.h>
 
 #include "guards.h"
 #include "matches.h"
@@ -89,21 +90,33 @@ static bool same(const _Atomic uint8_t *one, const _Atomic uint8_t *other) {
   return true;
 }
 
-/* The latest that this node has taken by subscriptions of this topic that it has destroyed. */
-static int64_t taken_before(struct ledger *ledger, uint32_t owner, struct ledger_endpoint *made) {
+static int64_t now(void) {
+  struct timespec time;
+  clock_gettime(CLOCK_REALTIME, &time);
+  return (int64_t)time.tv_sec * 1000000000 + time.tv_nsec;
+}
+
+/* From which message on this subscription counts. It takes the place of those that its node has
+ * destroyed. Of what is kept, nothing was sent to any other that comes late. */
+static void note_beginning(struct ledger *ledger, uint32_t owner, struct ledger_endpoint *made) {
   int64_t latest = 0;
-  uint32_t used = atomic_load(&ledger->header.endpoints_used);
+  bool replaces = false;
+  uint32_t used = atomic_load(&ledger->header.endpoints_used), of = owner << LEDGER_OWNER_SHIFT;
   for (uint32_t slot = 0; slot < used && slot < LEDGER_ENDPOINTS; slot++) {
     struct ledger_endpoint *one = &ledger->endpoint[slot];
-    bool destroyed = atomic_load(&one->state) == (PHASE_DESTROYED | owner << LEDGER_OWNER_SHIFT);
+    bool destroyed = atomic_load(&one->state) == (PHASE_DESTROYED | of);
     if (!destroyed || one->kind != made->kind || !same(one->topic, made->topic) ||
         !same(one->node, made->node))
       continue;
     int64_t own = atomic_load(&one->own_latest), after = atomic_load(&one->own_after);
+    if (after == LEDGER_ENDED) continue;
+    replaces = true;
     if (latest < own) latest = own;
     if (latest < after) latest = after;
   }
-  return latest;
+  bool late = !replaces && atomic_load(&ledger->header.own_published) != 0;
+  made->own_after = late ? now() : latest;
+  if (late) made->flags = FLAG_LATE;
 }
 
 /* Under the lock. False where there is no room. */
@@ -114,7 +127,7 @@ static bool list(struct ledger *ledger, uint32_t owner, const struct creation *o
   if (slot == NO_SLOT) return false;
   struct ledger_endpoint *endpoint = &ledger->endpoint[slot];
   fill(endpoint, of, node);
-  if (of->kind == KIND_SUBSCRIPTION) endpoint->own_after = taken_before(ledger, owner, endpoint);
+  if (of->kind == KIND_SUBSCRIPTION) note_beginning(ledger, owner, endpoint);
   note_used(ledger, slot);
   bool known = address_put(of->address, slot);
   if (known) matches_of(slot, of->kind, of->address);

@@ -5,7 +5,7 @@ use std::sync::atomic::Ordering::SeqCst;
 use std::time::Duration;
 
 use crate::layout::{
-    EndpointSlot, FLAG_CALLS, FLAG_INTRA, KIND_PUBLISHER, KIND_SUBSCRIPTION, NAME_BYTES,
+    EndpointSlot, FLAG_CALLS, FLAG_INTRA, FLAG_LATE, KIND_PUBLISHER, KIND_SUBSCRIPTION, NAME_BYTES,
     PHASE_DESTROYED,
 };
 use crate::{ProcessId, Strength};
@@ -78,7 +78,8 @@ pub struct Counts {
     /// Taken from the middleware.
     pub taken: u64,
     /// Of these, what publishers of the ledger's reader had published ([`Ledger::own`](crate::Ledger::own)), but
-    /// for what its node had taken before by a subscription of the topic that it has destroyed.
+    /// for what its node had taken before by a subscription of the topic that it has destroyed, or else
+    /// for what was kept for who comes late.
     pub taken_own: u64,
     /// And those of which the middleware did not say who had published them.
     pub taken_unknown: u64,
@@ -145,6 +146,11 @@ pub struct Endpoint {
     pub destroyed: bool,
     /// Whether rclcpp hands it messages of its own process too, which are not taken.
     pub intra_process: bool,
+    /// Whether it was listed after one of the reader's publishers had published, and takes the place of no
+    /// other that its node had: nothing was sent to it of what is kept for who comes late.
+    pub late: bool,
+    /// Messages of the reader's publishers count whose stamps are later, in ns since 1970: 0, those of all.
+    pub after: i64,
     /// Publishers that a subscription has matched, or subscriptions that a publisher has, as its
     /// middleware says, when its process last began to wait, or within 20 ms of a wait that goes on.
     /// `None` outside of
@@ -202,6 +208,8 @@ pub(crate) fn read(
         thread: (thread != 0).then_some(thread),
         destroyed: phase == PHASE_DESTROYED,
         intra_process: flags & FLAG_INTRA != 0,
+        late: flags & FLAG_LATE != 0,
+        after: slot.own_after.load(SeqCst),
         matched: matched(slot, watch),
         strength: strength(flags),
         counts: counts(slot)?,
@@ -214,6 +222,7 @@ pub(crate) fn again(slot: &EndpointSlot, known: &Endpoint, phase: u32) -> Result
     Ok(Endpoint {
         destroyed: phase == PHASE_DESTROYED,
         intra_process: flags & FLAG_INTRA != 0,
+        after: slot.own_after.load(SeqCst),
         strength: strength(flags),
         counts: counts(slot)?,
         ..known.clone()

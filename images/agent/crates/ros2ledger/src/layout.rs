@@ -5,11 +5,12 @@ use std::sync::atomic::{AtomicI64, AtomicU8, AtomicU32, AtomicU64};
 
 /// `BAGPLDR1`.
 pub(crate) const MAGIC: u64 = 0x3152_444c_5047_4142;
-pub(crate) const VERSION: u32 = 6;
+pub(crate) const VERSION: u32 = 7;
 pub(crate) const PROCESSES: usize = 512;
 pub(crate) const ENDPOINTS: usize = 4096;
 pub(crate) const NAME_BYTES: usize = 256;
 pub(crate) const OWN: usize = 4096;
+pub(crate) const ENDED: i64 = i64::MAX;
 pub(crate) const EVENTS: usize = 6;
 
 pub(crate) const PHASE_FREE: u32 = 0;
@@ -28,6 +29,7 @@ pub(crate) const KIND_PUBLISHER: u32 = 2;
 
 pub(crate) const FLAG_CALLS: u32 = 1;
 pub(crate) const FLAG_INTRA: u32 = 2;
+pub(crate) const FLAG_LATE: u32 = 4;
 
 #[repr(C)]
 pub(crate) struct Header {
@@ -43,7 +45,8 @@ pub(crate) struct Header {
     pub(crate) wanted: [AtomicU32; EVENTS],
     pub(crate) watch_matches: AtomicU32,
     pub(crate) listings: AtomicU32,
-    pub(crate) reserved_wanted: [AtomicU32; 7],
+    pub(crate) own_published: AtomicU32,
+    pub(crate) reserved_wanted: [AtomicU32; 6],
 }
 
 #[repr(C)]
@@ -128,7 +131,7 @@ mod tests {
         let mut all = fields!(Header, "ledger_header", magic: u64, version: u32, processes: u32,
             endpoints: u32, unlisted_processes: u32, unlisted_endpoints: u32, endpoints_used: u32,
             reserved: [u64; 4], changes: u32, wanted: [u32; 6], watch_matches: u32,
-            listings: u32, reserved_wanted: [u32; 7]);
+            listings: u32, own_published: u32, reserved_wanted: [u32; 6]);
         all.extend(fields!(ProcessEntry, "ledger_process", pid: u32, state: u32, start: u64,
             unlisted_endpoints: u32, spinners: u32, others_started: u64, others_ended: u64,
             stack: u64, reserved_words: [u32; 4]));
@@ -153,6 +156,7 @@ mod tests {
             ("LEDGER_PROCESSES", PROCESSES as u64),
             ("LEDGER_ENDPOINTS", ENDPOINTS as u64),
             ("LEDGER_NAME_BYTES", NAME_BYTES as u64),
+            ("LEDGER_ENDED", ENDED.cast_unsigned()),
             ("LEDGER_OWN", OWN as u64),
             ("EVENTS", EVENTS as u64),
             ("PHASE_FREE", PHASE_FREE.into()),
@@ -167,6 +171,7 @@ mod tests {
             ("KIND_PUBLISHER", KIND_PUBLISHER.into()),
             ("FLAG_CALLS", FLAG_CALLS.into()),
             ("FLAG_INTRA", FLAG_INTRA.into()),
+            ("FLAG_LATE", FLAG_LATE.into()),
             ("EVENT_TAKEN", crate::Event::Taken as u64),
             ("EVENT_STARTED", crate::Event::Started as u64),
             ("EVENT_ENDED", crate::Event::Ended as u64),

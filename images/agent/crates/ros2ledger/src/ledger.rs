@@ -292,7 +292,7 @@ impl Ledger {
     }
 
     /// The slot of an endpoint that is not retired.
-    fn slot(&self, id: EndpointId) -> Result<&EndpointSlot, LedgerError> {
+    pub(crate) fn slot(&self, id: EndpointId) -> Result<&EndpointSlot, LedgerError> {
         let slot = &self.memory.endpoint[id.slot];
         let same =
             slot.generation.load(SeqCst) == id.generation && slot.state.load(SeqCst) != PHASE_FREE;

@@ -3,8 +3,8 @@
 
 use std::sync::atomic::Ordering::SeqCst;
 
-use crate::layout::OWN;
-use crate::{Ledger, LedgerError};
+use crate::layout::{ENDED, OWN, OWNER_SHIFT, PHASE_DESTROYED};
+use crate::{EndpointId, Ledger, LedgerError};
 
 /// How many a ledger has room for: beyond, a look for one that is not there would take long.
 const MOST: usize = OWN / 2;
@@ -40,6 +40,42 @@ impl Ledger {
     /// Knows none of the reader's publishers any more: those of a player that has ended.
     pub fn disown_all(&self) {
         self.memory.own.iter().for_each(|one| one.store(0, SeqCst));
+        self.memory.header.own_published.store(0, SeqCst);
+    }
+
+    /// One of them is about to publish: of who subscribes from now on what was kept for it does not count
+    /// ([`Endpoint::late`](crate::Endpoint::late)).
+    pub fn note_published(&self) {
+        let published = &self.memory.header.own_published;
+        if published.load(SeqCst) != 0 || published.swap(1, SeqCst) != 0 {
+            return;
+        }
+        // They have taken none of it, so that who takes their place is no less late.
+        for slot in &self.memory.endpoint {
+            if slot.state.load(SeqCst) & ((1 << OWNER_SHIFT) - 1) == PHASE_DESTROYED {
+                slot.own_after.store(ENDED, SeqCst);
+            }
+        }
+    }
+
+    /// The latest stamp of what this subscription has taken of the reader's publishers, or the one after which
+    /// it counts: [`Endpoint::after`](crate::Endpoint::after) of who takes its place now.
+    ///
+    /// # Errors
+    /// [`LedgerError::Retired`].
+    pub fn latest(&self, id: EndpointId) -> Result<i64, LedgerError> {
+        let slot = self.slot(id)?;
+        Ok(slot.own_latest.load(SeqCst).max(slot.own_after.load(SeqCst)))
+    }
+
+    /// The node has destroyed this subscription, and none that it creates from now on takes its place
+    /// ([`Endpoint::late`](crate::Endpoint::late)).
+    ///
+    /// # Errors
+    /// [`LedgerError::Retired`].
+    pub fn end(&self, id: EndpointId) -> Result<(), LedgerError> {
+        self.slot(id)?.own_after.store(ENDED, SeqCst);
+        Ok(())
     }
 }
 

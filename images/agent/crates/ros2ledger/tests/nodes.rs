@@ -181,6 +181,33 @@ fn topic_qos_thread_and_process_are_those_of_the_node() {
     assert_eq!((process.id, process.alive, process.unlisted), (map.process, true, 0));
 }
 
+/// Whether each subscription of a topic is late, those first that were listed first.
+fn late(ledger: &Ledger, topic: &str) -> Vec<bool> {
+    let all = ledger.endpoints().unwrap();
+    all.iter().filter(|one| one.topic == topic).map(|one| one.late).collect()
+}
+
+#[test]
+fn late_is_who_comes_after_we_have_published_and_takes_no_other_s_place() {
+    let ledger = Ledger::new().unwrap();
+    let mut node = Node::start(Client::Rclcpp, &ledger);
+    node.obey(&["sub /there 1", "sub /before 1", "sub /ended 1", "destroy /before"]);
+    ledger.note_published();
+    node.obey(&["sub /new 1", "sub /new 1", "destroy /there", "sub /there 1", "sub /before 1"]);
+    node.obey(&["destroy /ended"]);
+    ledger.end(subscription(&ledger, "/ended").id).unwrap();
+    node.obey(&["sub /ended 1"]);
+    assert_eq!(late(&ledger, "/new"), [true, true]);
+    assert_eq!(late(&ledger, "/there"), [false, false]);
+    // Who left before we published has taken nothing of ours.
+    assert_eq!(late(&ledger, "/before"), [false, true]);
+    assert_eq!(late(&ledger, "/ended"), [false, true]);
+    // Another player.
+    ledger.disown_all();
+    node.obey(&["sub /after 1"]);
+    assert_eq!(late(&ledger, "/after"), [false]);
+}
+
 #[test]
 fn when_nothing_was_left_and_what_was_published_last_have_moments_while_somebody_watches() {
     let ledger = Ledger::new().unwrap();

@@ -27,6 +27,8 @@ impl Scene {
         let publisher = player.advertise("/in", types[0], &RELIABLE).unwrap();
         let subscription = player.subscribe("/out", types[1], &ALL).unwrap();
         eventually(|| player.publishers(subscription).unwrap() == 1);
+        // What it answers before its publisher knows of us reaches nobody.
+        eventually(|| graph.endpoint(Kind::Publisher, "/out").matched == Some(1));
         graph.met("/in", &player, publisher);
         Scene { graph, player, publisher, subscription }
     }

@@ -52,12 +52,21 @@ pub(crate) struct Topic {
     /// Nodes that have destroyed their subscriptions: they may be about to make others.
     departed: Mutex<BTreeMap<Owner, Absence>>,
     sent: Mutex<Sent>,
-    /// Held by who looks at the subscriptions; what had gone out by the look before.
-    looked: Mutex<Totals>,
+    /// Held by who looks at the subscriptions.
+    looked: Mutex<Looked>,
     /// Endpoints that the ledger had listed when somebody last looked.
     listed: AtomicU32,
     /// Nodes that publish it beside us or have done so, as the graph had them: some may not count.
     others: Mutex<BTreeSet<String>>,
+}
+
+/// What had gone out when no subscription was there that has no link.
+#[derive(Default)]
+struct Looked {
+    /// Of those that count.
+    counted: Totals,
+    /// Of others.
+    uncounted: Totals,
 }
 
 impl Topic {

@@ -94,7 +94,12 @@ impl Topic {
     ) -> Result<(), SendError> {
         {
             // Whoever looks at the subscribers meanwhile waits, so that none has it twice.
-            let _looked = self.looked.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut looked = self.looked.lock().unwrap_or_else(PoisonError::into_inner);
+            self.means.ledger.note_published();
+            // Where nobody is new, nobody has missed what went out by now.
+            if self.listed.load(Ordering::Relaxed) == self.means.ledger.listed() {
+                looked.counted = self.sent().totals;
+            }
             for link in self.links().iter().filter(|link| link.is_open()) {
                 link.count(share, message.len());
                 link.note_taken(&self.means.ledger).map_err(|error| failed(&error))?;

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use bagpipe_graph::{Cancelled, PacedBy, SendError};
 use bagpipe_ros2ledger::{Endpoint, Event, Kind, Ledger, LedgerError};
-use bagpipe_ros2player::{Durability, History};
+use bagpipe_ros2player::{Durability, History, Reliability};
 
 use super::Topic;
 use super::look::{Look, Owner};
@@ -54,9 +54,9 @@ impl Topic {
     ) -> Result<(), LedgerError> {
         let mut looked = self.looked.lock().unwrap_or_else(PoisonError::into_inner);
         // What goes out from here on is counted by the links.
-        let now = self.sent().totals;
-        let missed = now.since(*looked);
-        *looked = now;
+        let sent = self.sent().totals;
+        let missed = sent.since(looked.counted);
+        looked.counted = sent;
         let mut nodes = look.subscriptions(&self.info.topic);
         // What asks for more than we offer gets nothing, and has nothing to be waited for.
         nodes.retain(|_, subscriptions| {
@@ -78,16 +78,22 @@ impl Topic {
             }
         }
         let now = Instant::now();
+        let mut gone = Vec::new();
         self.departed().retain(|owner, absence| {
-            !nodes.contains_key(owner)
-                && look.running.contains(&owner.0)
-                && absence.look(now) < RENEWED
+            let away = !nodes.contains_key(owner) && look.running.contains(&owner.0);
+            let stays_away = away && absence.look(now) >= RENEWED;
+            gone.extend(stays_away.then(|| owner.clone()));
+            away && !stays_away
         });
+        for link in links.iter().filter(|link| gone.iter().any(|owner| link.is_of(owner))) {
+            link.end(&self.means.ledger)?;
+        }
         for (owner, subscriptions) in &nodes {
             self.welcome(&mut links, owner, subscriptions, (look, missed))?;
         }
         if let Some(uncounted) = uncounted {
-            self.refresh_uncounted(&mut links, uncounted, missed);
+            self.refresh_uncounted(&mut links, uncounted, sent.since(looked.uncounted));
+            looked.uncounted = sent;
         }
         *self.links.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(links);
         self.learn_publishers(&look.endpoints);
@@ -97,7 +103,7 @@ impl Topic {
 
     /// A node subscribes: if it is new, or has come back, it has a link from now on, or from when it
     /// knows us. By the clock nobody waits for that once the play has begun: `missed` went out since
-    /// the last look.
+    /// it was not there.
     fn welcome(
         &self,
         links: &mut Vec<Arc<Link>>,
@@ -120,7 +126,7 @@ impl Topic {
             return Ok(());
         }
         let is_known = self.means.player.gid(self.publisher).is_some();
-        let counted = Subscriptions::new(subscriptions, &self.means.ledger, (is_known, begun))?;
+        let counted = Subscriptions::new(subscriptions, &self.means.ledger, (is_known, at_once))?;
         let name = self.named(links, &owner.1);
         links.push(self.link(name, counted, missed));
         Ok(())
@@ -128,10 +134,12 @@ impl Topic {
 
     /// Messages that are kept for who comes late.
     fn kept(&self) -> u64 {
-        match (self.qos.durability, self.qos.history) {
-            (Durability::Volatile, _) => 0,
-            (Durability::TransientLocal, History::KeepLast(depth)) => depth.into(),
-            (Durability::TransientLocal, History::KeepAll) => u64::MAX,
+        match (self.qos.durability, self.qos.reliability, self.qos.history) {
+            (Durability::TransientLocal, Reliability::Reliable, History::KeepLast(depth)) => {
+                depth.into()
+            }
+            (Durability::TransientLocal, Reliability::Reliable, History::KeepAll) => u64::MAX,
+            (Durability::Volatile, ..) | (_, Reliability::BestEffort, _) => 0,
         }
     }
 

@@ -1,19 +1,18 @@
 //! What is lost of ours beside what the stack publishes is counted as lost, and nothing else is.
 
-use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use bagpipe_replay::{Ledger, Mode, Progress, Stage, Strength};
+use bagpipe_replay::{Mode, Progress, Stage, Strength};
 use bagpipe_ros2ledger::Kind;
 
-use crate::scene::{Ask, DEFAULT, MS, Scene, recorded, recording, recording_of, stamped};
+use crate::scene::{Ask, DEFAULT, Scene, recording, recording_of};
 use crate::standin::{Node, eventually};
 use crate::{
     LATCHED, OUT, RELIABLE, answered, counts, late_queue, line, start_keeping, start_lane,
-    start_lane_of, start_other, strings, whole,
+    start_lane_of, start_other, strings,
 };
 
 /// The line of a play in which so many were lost: of the last callbacks it is not known whether they
@@ -154,46 +153,4 @@ fn a_node_keeps_its_line_where_somebody_comes_who_publishes_just_before_the_firs
     assert_eq!((ledger.sent, line.node.as_str()), (200, "/lossy"), "{ledger:?}");
     let lost = 100 - counts(&scene, Kind::Subscription, "/lossy", "/in").taken;
     assert_eq!((line.strength, line.dropped), (Strength::Taken, lost));
-}
-
-/// What the node's answer has of a message: FNV-1a of its bytes.
-fn hash(bytes: &[u8]) -> String {
-    let hash = bytes.iter().fold(0xcbf2_9ce4_8422_2325_u64, |value, byte| {
-        (value ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3)
-    });
-    format!("{hash:016x}")
-}
-
-/// Plays messages that are kept for who comes late to a node that subscribes again now and then, and is
-/// given again what is kept, as far as its queue holds it: how many answers there are, how many of them to
-/// a message that was behind all before, and what the ledger says.
-fn to_one_that_subscribes_again(mode: Mode, depth: &str, delay: &str) -> (u64, u64, Ledger) {
-    let scene = Scene::new();
-    let more = ["--renew-every", "100", "--delay-us", delay];
-    let _lane = start_lane_of(&scene, &late_queue(depth), &more);
-    let ask = Ask { mode, drain: Duration::from_secs(2), ..DEFAULT };
-    let replayed = scene.play(&recording_of(&strings(LATCHED), 400, 60), &ask).unwrap();
-    let numbers: BTreeMap<String, u64> =
-        (0..400).map(|number| (hash(&stamped((1000 + number) * MS, number, 60)), number)).collect();
-    let (mut last, mut behind, mut answers) = (None, 0, 0);
-    for (_, _, answer) in recorded(&replayed) {
-        let number = numbers.get(str::from_utf8(&answer[8..24]).unwrap()).copied();
-        assert!(number.is_some());
-        (answers, behind) = (answers + 1, behind + u64::from(number > last));
-        last = last.max(number);
-    }
-    (answers, behind, replayed.ledger)
-}
-
-#[test]
-fn what_is_given_to_a_node_again_hides_no_loss() {
-    let (answers, behind, ledger) = to_one_that_subscribes_again(Mode::Lockstep, "50", "0");
-    assert!(answers > 400, "nothing was given again");
-    assert_eq!((line(&ledger), behind), (whole(400), 400));
-    for (mode, delay) in [(Mode::Max, "1000"), (Mode::Realtime, "2000")] {
-        let (_, behind, ledger) = to_one_that_subscribes_again(mode, "10", delay);
-        // At the play's end what lay in the queue that it destroyed last may yet come again.
-        let counted = ledger.received..=ledger.received + 10;
-        assert!(ledger.sent == 400 && counted.contains(&behind), "{behind} {mode:?} {ledger:?}");
-    }
 }

@@ -2,6 +2,7 @@
 //! ours, and comes before their calls have returned, as on a busy machine.
 #![allow(clippy::unwrap_used)]
 
+mod late;
 mod lost;
 #[path = "../scene/mod.rs"]
 mod scene;

@@ -30,6 +30,8 @@ fn endpoint(slot: usize, kind: Kind, topic: &str, counts: Counts) -> Endpoint {
         thread: None,
         destroyed: false,
         intra_process: false,
+        late: false,
+        after: 0,
         matched: None,
         strength: Strength::Called,
         counts,

@@ -167,6 +167,7 @@ int rmw_take_with_info(const void *subscription, void *message, bool *taken, voi
   *taken = pop(subscription, message);
   if (*taken && says != NULL) {
     says->implementation = ((const struct endpoint *)subscription)->implementation;
+    says->source = 0;
     standin_gid(NULL, says->gid);
   }
   return 0;

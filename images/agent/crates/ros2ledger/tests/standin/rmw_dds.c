@@ -143,6 +143,7 @@ int rmw_take_with_info(const void *subscription, void *message, bool *taken, voi
   *taken = many > 0;
   if (*taken && says != NULL) {
     says->implementation = IDENTIFIER;
+    says->source = sample.source_timestamp;
     memset(says->gid, 0, sizeof says->gid);
     memcpy(says->gid, &sample.publication_handle, sizeof sample.publication_handle);
   }

@@ -247,9 +247,14 @@ impl Graph {
 
     /// The subscription of a node on a topic, once there is one.
     pub fn subscription(&self, topic: &str) -> Endpoint {
+        self.endpoint(Kind::Subscription, topic)
+    }
+
+    /// What a node has on a topic, once it is there.
+    pub fn endpoint(&self, kind: Kind, topic: &str) -> Endpoint {
         let found = || {
             let all = self.ledger.endpoints().unwrap();
-            all.into_iter().find(|one| one.topic == topic && one.kind == Kind::Subscription)
+            all.into_iter().find(|one| one.topic == topic && one.kind == kind)
         };
         eventually(|| found().is_some());
         found().unwrap()

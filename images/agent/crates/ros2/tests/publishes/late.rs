@@ -1,0 +1,156 @@
+//! What is kept for who comes late, and given to it, hides no loss of what is played from then on.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use bagpipe_replay::{Ledger, Mode, Progress, Replayed, Stage};
+use bagpipe_ros2ledger::{Endpoint, Kind};
+
+use crate::scene::{Ask, DEFAULT, MS, Scene, recorded, recording_of, stamped};
+use crate::standin::Node;
+use crate::{LATCHED, counts, late_queue, line, queue, start_lane_of, strings, whole};
+
+/// What the node's answer has of a message: FNV-1a of its bytes.
+fn hash(bytes: &[u8]) -> String {
+    let hash = bytes.iter().fold(0xcbf2_9ce4_8422_2325_u64, |value, byte| {
+        (value ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3)
+    });
+    format!("{hash:016x}")
+}
+
+/// The number of the message that each answer is to, in the order of their coming.
+fn answered_numbers(replayed: &Replayed, messages: u64) -> Vec<u64> {
+    let stamped = |number| stamped((1000 + number) * MS, number, 60);
+    let numbers: BTreeMap<String, u64> =
+        (0..messages).map(|number| (hash(&stamped(number)), number)).collect();
+    let number = |answer: &[u8]| numbers[str::from_utf8(&answer[8..24]).unwrap()];
+    recorded(replayed).iter().map(|(_, _, answer)| number(answer)).collect()
+}
+
+/// How many of them are behind all before them.
+fn behind(numbers: &[u64]) -> u64 {
+    let ahead = numbers.iter().scan(0, |most, number| {
+        let is_new = *number >= *most;
+        *most = (*most).max(number + 1);
+        Some(is_new)
+    });
+    ahead.filter(|is_new| *is_new).count() as u64
+}
+
+/// Plays messages that are kept for who comes late to a node that subscribes again now and then, and is
+/// given again what is kept, as far as its queue holds it: to which messages its answers are, and what
+/// the ledger says.
+fn to_one_that_subscribes_again(
+    mode: Mode,
+    queue: &str,
+    messages: u64,
+    more: &[&str],
+) -> (Vec<u64>, Ledger) {
+    let scene = Scene::new();
+    let _lane = start_lane_of(&scene, queue, more);
+    let ask = Ask { mode, drain: Duration::from_secs(2), ..DEFAULT };
+    let replayed = scene.play(&recording_of(&strings(LATCHED), messages, 60), &ask).unwrap();
+    (answered_numbers(&replayed, messages), replayed.ledger)
+}
+
+fn every_100(delay_us: &str) -> [&str; 4] {
+    ["--renew-every", "100", "--delay-us", delay_us]
+}
+
+#[test]
+fn what_is_given_to_a_node_again_hides_no_loss() {
+    let queue = late_queue("50");
+    let (answers, ledger) =
+        to_one_that_subscribes_again(Mode::Lockstep, &queue, 400, &every_100("0"));
+    assert!(answers.len() > 400, "nothing was given again");
+    assert_eq!((line(&ledger), behind(&answers)), (whole(400), 400));
+    let best_effort = "/in:std_msgs/msg/String:10:best_effort:transient_local";
+    for (mode, queue, delay) in [
+        (Mode::Max, late_queue("10").as_str(), "1000"),
+        (Mode::Realtime, &late_queue("10"), "2000"),
+        // Who does not confirm what it has is given nothing again.
+        (Mode::Max, best_effort, "1000"),
+    ] {
+        let (answers, ledger) = to_one_that_subscribes_again(mode, queue, 400, &every_100(delay));
+        // At the play's end what lay in the queue that it destroyed last may yet come again.
+        let counted = ledger.received..=ledger.received + 10;
+        let all = ledger.sent == 400 && counted.contains(&behind(&answers));
+        assert!(all, "{} {mode:?} {queue} {ledger:?}", behind(&answers));
+    }
+}
+
+#[test]
+fn nor_does_what_is_given_to_one_of_two_subscriptions() {
+    let second = ["--sub", &late_queue("50")];
+    let of_two = |mode, delay| {
+        let more = [&every_100(delay)[..], &second].concat();
+        to_one_that_subscribes_again(mode, &late_queue("50"), 400, &more)
+    };
+    let (answers, ledger) = of_two(Mode::Lockstep, "0");
+    assert_eq!((line(&ledger), behind(&answers)), (whole(400), 400));
+    let (answers, ledger) = of_two(Mode::Max, "500");
+    let most = behind(&answers) + 50;
+    assert!(ledger.sent == 400 && (300..=most).contains(&ledger.received), "{most} {ledger:?}");
+}
+
+/// To a node that comes back after 1.5 s nothing was sent meanwhile.
+#[test]
+fn nor_does_what_is_kept_while_a_node_is_away() {
+    let scene = Scene::new();
+    let first = ["--name", "/first", "--delay-us", "1000", "--sub", &queue("10")];
+    let _first = scene.start("standin_node", &first);
+    let away = ["--renew-every", "1000", "--apart-us", "1500000"];
+    let _lane = start_lane_of(&scene, &late_queue("100"), &away);
+    let recording = recording_of(&strings(LATCHED), 2400, 60);
+    let replayed = scene.play(&recording, &DEFAULT).unwrap();
+    let lanes = |one: &Endpoint| one.kind == Kind::Subscription && one.node == "/lane";
+    let all = scene.ledger.endpoints().unwrap();
+    let late: Vec<bool> = all.iter().filter(|one| lanes(one)).map(|one| one.late).collect();
+    assert_eq!(late, [false, true]);
+    let lines = &replayed.ledger.topics[0].subscribers;
+    let line = lines.iter().find(|line| line.node == "/lane").unwrap();
+    let answers = answered_numbers(&replayed, 2400).len() as u64;
+    // Some may be under way when it is listed.
+    let of_ours = answers - 100..=answers - 50;
+    assert!(of_ours.contains(&line.received), "{answers} answers, {line:?}");
+    assert_eq!(line.received + line.dropped, 2400);
+}
+
+/// A node that comes when two hundred messages are out is given the last hundred, which are kept; when it
+/// has taken all, it is stopped, until its queue of a hundred has overwritten others.
+#[test]
+fn what_is_kept_for_a_node_that_comes_late_hides_no_loss_of_what_is_played_from_then_on() {
+    let scene = Scene::new();
+    let first = ["--name", "/first", "--sub", &queue("5000")];
+    let _first = scene.start("standin_node", &first);
+    let (mut lane, mut stopped, mut goes_on): (Option<Node>, _, _) = (None, None, false);
+    let mut seen = |progress: Progress| {
+        let taken = |node| counts(&scene, Kind::Subscription, node, "/in").taken;
+        match (&lane, stopped) {
+            (None, _) if progress.stage == Stage::Play && taken("/first") >= 200 => {
+                lane = Some(start_lane_of(&scene, &late_queue("100"), &[]));
+            }
+            (Some(node), None) if taken("/lane") >= 150 => {
+                node.signal("STOP");
+                stopped = Some(taken("/first"));
+            }
+            (Some(node), Some(since)) if !goes_on && taken("/first") >= since + 400 => {
+                node.signal("CONT");
+                goes_on = true;
+            }
+            _ => {}
+        }
+    };
+    let ask = Ask { mode: Mode::Realtime, drain: Duration::from_secs(2), ..DEFAULT };
+    let replayed =
+        scene.play_while(&recording_of(&strings(LATCHED), 3000, 60), &ask, &mut seen).unwrap();
+    assert!(goes_on, "the machine was too slow");
+    let lines = &replayed.ledger.topics[0].subscribers;
+    let line = lines.iter().find(|line| line.node == "/lane").unwrap();
+    // What it had missed is not separated from what it lost.
+    assert_eq!(line.received + line.dropped, 3000);
+    // Of the hundred some may have gone out after it was listed, and more between its coming and that.
+    let taken = counts(&scene, Kind::Subscription, "/lane", "/in").taken;
+    let of_ours = taken - 150..=taken - 50;
+    assert!(of_ours.contains(&line.received), "{taken} taken, {line:?}");
+}
