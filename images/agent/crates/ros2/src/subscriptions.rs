@@ -198,18 +198,20 @@ impl Subscriptions {
         let mut now = self.now.write().unwrap_or_else(PoisonError::into_inner);
         let before = self.leave(&mut now, ledger)?;
         let waits = sent.saturating_sub(now.earlier);
-        if subscriptions.iter().any(|one| before.contains_key(&one.id)) {
-            let waits = waits.saturating_sub(now.lost);
-            let counted = |one: &&Endpoint| match before.get(&one.id) {
-                Some((stays, _)) => *stays,
-                // What waits for the others was never sent to it.
-                None if one.late => Counted { spared: waits, ..Counted::new(one.id) },
-                None => comes(one, &before, waits, kept),
-            };
-            now.counted = subscriptions.iter().map(counted).collect();
-        } else {
-            let all = subscriptions.iter().map(|one| comes(one, &before, waits, kept));
-            now.counted = all.collect();
+        let some_stay = subscriptions.iter().any(|one| before.contains_key(&one.id));
+        let waits = if some_stay { waits.saturating_sub(now.lost) } else { waits };
+        let counted = |one: &&Endpoint| match before.get(&one.id) {
+            Some((stays, _)) => *stays,
+            None => {
+                let replaced = before.values().filter(|(_, latest)| *latest == one.after);
+                let ahead = replaced.map(|(replaced, _)| replaced.spared).max();
+                let again = if one.late { 0 } else { kept.min(given_again(&one.qos)) };
+                let (spared, never) = comes(ahead, some_stay, waits, again);
+                Counted { spared, never, ..Counted::new(one.id) }
+            }
+        };
+        now.counted = subscriptions.iter().map(counted).collect();
+        if !some_stay {
             // What is given to none of them again is lost.
             let never = now.counted.iter_mut().map(|one| std::mem::take(&mut one.never));
             now.lost = never.max().unwrap_or(waits);
@@ -416,19 +418,17 @@ fn depth(wanted: &Qos) -> Option<u64> {
     }
 }
 
-/// A subscription that comes when so many wait for the slowest of those `before`, and so many are `kept`: it
-/// goes on where the one was whose place it takes, and is given again what is kept, unless it is late.
-fn comes(
-    subscription: &Endpoint,
-    before: &BTreeMap<EndpointId, (Counted, i64)>,
-    waits: u64,
-    kept: u64,
-) -> Counted {
-    let replaced = before.values().filter(|(_, latest)| *latest == subscription.after);
-    let spared = replaced.map(|(one, _)| one.spared).max().unwrap_or(0);
-    let again = if subscription.late { 0 } else { kept.min(given_again(&subscription.qos)) };
-    let never = waits.saturating_sub(spared).saturating_sub(again);
-    Counted { spared, never, ..Counted::new(subscription.id) }
+/// What a new subscription is spared, and what never comes to it, when so many wait for the slowest before it,
+/// and it is given so many of them again. It goes on where the one was whose place it takes, so far `ahead`
+/// of the slowest. Beside others, what waits for them was never sent to one that takes no place.
+fn comes(ahead: Option<u64>, some_stay: bool, waits: u64, again: u64) -> (u64, u64) {
+    match ahead {
+        None if some_stay => (waits.saturating_sub(again), 0),
+        _ => {
+            let spared = ahead.unwrap_or(0);
+            (spared, waits.saturating_sub(spared + again))
+        }
+    }
 }
 
 /// How many a subscription takes at the most of those that are kept, in the place of one before it: none,
@@ -443,6 +443,18 @@ fn given_again(wanted: &Qos) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn who_takes_another_s_place_goes_on_where_that_was_and_who_takes_none_is_spared_what_waits() {
+        let (waits, again) = (7, 4);
+        assert_eq!(comes(Some(2), true, waits, again), (2, 1));
+        assert_eq!(comes(Some(2), false, waits, again), (2, 1));
+        assert_eq!(comes(Some(2), true, waits, 50), (2, 0));
+        assert_eq!(comes(Some(0), true, waits, 0), (0, 7));
+        assert_eq!(comes(None, false, waits, again), (0, 3));
+        assert_eq!(comes(None, true, waits, 0), (7, 0));
+        assert_eq!(comes(None, true, waits, again), (3, 0));
+    }
 
     #[test]
     fn a_thousand_messages_that_are_none_are_waited_for_17_s_in_all() {

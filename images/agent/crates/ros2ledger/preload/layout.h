@@ -9,7 +9,6 @@
 #define LEDGER_PROCESSES 512u
 #define LEDGER_ENDPOINTS 4096u
 #define LEDGER_NAME_BYTES 256u
-#define LEDGER_ENDED INT64_MAX
 #define LEDGER_OWN 4096u /* a power of two, of which half are used at the most */
 
 /* What somebody may wait for: an index into `wanted`. */
@@ -32,8 +31,9 @@ enum ledger_process_state { PROCESS_FREE, PROCESS_LIVE, PROCESS_REPLACED };
 enum ledger_kind { KIND_SUBSCRIPTION = 1, KIND_PUBLISHER = 2 };
 
 /* The callback is known, so that starts and ends are counted; so is an intra-process one; a subscription
- * that was listed after one of `own` had published, and takes no other's place. */
-enum ledger_flag { FLAG_CALLS = 1, FLAG_INTRA = 2, FLAG_LATE = 4 };
+ * that was listed after one of `own` had published, and takes no other's place; one whose place nobody
+ * takes any more. */
+enum ledger_flag { FLAG_CALLS = 1, FLAG_INTRA = 2, FLAG_LATE = 4, FLAG_REPLACED = 8 };
 
 struct ledger_header {
   _Atomic uint64_t magic;
@@ -97,7 +97,7 @@ struct ledger_endpoint {
   /* Stamps of the source, in ns since 1970: the latest of `own` that was taken; and the one after which
    * they count, as what is kept for who comes late is given to this one too: the latest that the node
    * had taken by one that it destroyed before, whose place this one takes; otherwise, of a late one,
-   * when it was listed. LEDGER_ENDED: nobody takes this one's place. */
+   * when it was listed. */
   _Atomic int64_t own_latest;
   _Atomic int64_t own_after;
   _Atomic uint64_t reserved_counts[3];

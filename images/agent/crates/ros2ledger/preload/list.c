@@ -96,27 +96,38 @@ static int64_t now(void) {
   return (int64_t)time.tv_sec * 1000000000 + time.tv_nsec;
 }
 
-/* From which message on this subscription counts. It takes the place of those that its node has
- * destroyed. Of what is kept, nothing was sent to any other that comes late. */
-static void note_beginning(struct ledger *ledger, uint32_t owner, struct ledger_endpoint *made) {
-  int64_t latest = 0;
-  bool replaces = false;
-  uint32_t used = atomic_load(&ledger->header.endpoints_used), of = owner << LEDGER_OWNER_SHIFT;
+/* The one that this node has destroyed whose place this one takes: of several the one that took last. */
+static struct ledger_endpoint *find_replaced(struct ledger *ledger, uint32_t owner,
+                                             struct ledger_endpoint *made, int64_t *latest) {
+  struct ledger_endpoint *replaced = NULL;
+  uint32_t used = atomic_load(&ledger->header.endpoints_used);
   for (uint32_t slot = 0; slot < used && slot < LEDGER_ENDPOINTS; slot++) {
     struct ledger_endpoint *one = &ledger->endpoint[slot];
-    bool destroyed = atomic_load(&one->state) == (PHASE_DESTROYED | of);
-    if (!destroyed || one->kind != made->kind || !same(one->topic, made->topic) ||
-        !same(one->node, made->node))
+    bool destroyed = atomic_load(&one->state) == (PHASE_DESTROYED | owner << LEDGER_OWNER_SHIFT);
+    if (!destroyed || (atomic_load(&one->flags) & FLAG_REPLACED) || one->kind != made->kind ||
+        !same(one->topic, made->topic) || !same(one->node, made->node))
       continue;
     int64_t own = atomic_load(&one->own_latest), after = atomic_load(&one->own_after);
-    if (after == LEDGER_ENDED) continue;
-    replaces = true;
-    if (latest < own) latest = own;
-    if (latest < after) latest = after;
+    if (own < after) own = after;
+    if (replaced != NULL && own <= *latest) continue;
+    replaced = one;
+    *latest = own;
   }
-  bool late = !replaces && atomic_load(&ledger->header.own_published) != 0;
-  made->own_after = late ? now() : latest;
-  if (late) made->flags = FLAG_LATE;
+  return replaced;
+}
+
+/* From which message on this subscription counts. Of what is kept, nothing was sent to one that comes late
+ * and takes no other's place. */
+static void note_beginning(struct ledger *ledger, uint32_t owner, struct ledger_endpoint *made) {
+  int64_t latest = 0;
+  struct ledger_endpoint *replaced = find_replaced(ledger, owner, made, &latest);
+  made->own_after = latest;
+  if (replaced != NULL) {
+    atomic_fetch_or(&replaced->flags, FLAG_REPLACED);
+  } else if (atomic_load(&ledger->header.own_published) != 0) {
+    made->own_after = now();
+    made->flags = FLAG_LATE;
+  }
 }
 
 /* Under the lock. False where there is no room. */

@@ -10,7 +10,6 @@ pub(crate) const PROCESSES: usize = 512;
 pub(crate) const ENDPOINTS: usize = 4096;
 pub(crate) const NAME_BYTES: usize = 256;
 pub(crate) const OWN: usize = 4096;
-pub(crate) const ENDED: i64 = i64::MAX;
 pub(crate) const EVENTS: usize = 6;
 
 pub(crate) const PHASE_FREE: u32 = 0;
@@ -30,6 +29,7 @@ pub(crate) const KIND_PUBLISHER: u32 = 2;
 pub(crate) const FLAG_CALLS: u32 = 1;
 pub(crate) const FLAG_INTRA: u32 = 2;
 pub(crate) const FLAG_LATE: u32 = 4;
+pub(crate) const FLAG_REPLACED: u32 = 8;
 
 #[repr(C)]
 pub(crate) struct Header {
@@ -156,7 +156,6 @@ mod tests {
             ("LEDGER_PROCESSES", PROCESSES as u64),
             ("LEDGER_ENDPOINTS", ENDPOINTS as u64),
             ("LEDGER_NAME_BYTES", NAME_BYTES as u64),
-            ("LEDGER_ENDED", ENDED.cast_unsigned()),
             ("LEDGER_OWN", OWN as u64),
             ("EVENTS", EVENTS as u64),
             ("PHASE_FREE", PHASE_FREE.into()),
@@ -172,6 +171,7 @@ mod tests {
             ("FLAG_CALLS", FLAG_CALLS.into()),
             ("FLAG_INTRA", FLAG_INTRA.into()),
             ("FLAG_LATE", FLAG_LATE.into()),
+            ("FLAG_REPLACED", FLAG_REPLACED.into()),
             ("EVENT_TAKEN", crate::Event::Taken as u64),
             ("EVENT_STARTED", crate::Event::Started as u64),
             ("EVENT_ENDED", crate::Event::Ended as u64),

@@ -3,7 +3,7 @@
 
 use std::sync::atomic::Ordering::SeqCst;
 
-use crate::layout::{ENDED, OWN, OWNER_SHIFT, PHASE_DESTROYED};
+use crate::layout::{FLAG_REPLACED, OWN, OWNER_SHIFT, PHASE_DESTROYED};
 use crate::{EndpointId, Ledger, LedgerError};
 
 /// How many a ledger has room for: beyond, a look for one that is not there would take long.
@@ -53,7 +53,7 @@ impl Ledger {
         // They have taken none of it, so that who takes their place is no less late.
         for slot in &self.memory.endpoint {
             if slot.state.load(SeqCst) & ((1 << OWNER_SHIFT) - 1) == PHASE_DESTROYED {
-                slot.own_after.store(ENDED, SeqCst);
+                slot.flags.fetch_or(FLAG_REPLACED, SeqCst);
             }
         }
     }
@@ -74,7 +74,7 @@ impl Ledger {
     /// # Errors
     /// [`LedgerError::Retired`].
     pub fn end(&self, id: EndpointId) -> Result<(), LedgerError> {
-        self.slot(id)?.own_after.store(ENDED, SeqCst);
+        self.slot(id)?.flags.fetch_or(FLAG_REPLACED, SeqCst);
         Ok(())
     }
 }
