@@ -193,12 +193,13 @@ fn late_is_who_comes_after_we_have_published_and_takes_no_other_s_place() {
     let mut node = Node::start(Client::Rclcpp, &ledger);
     node.obey(&["sub /there 1", "sub /before 1", "sub /ended 1", "destroy /before"]);
     ledger.note_published();
-    node.obey(&["sub /new 1", "sub /new 1", "destroy /there", "sub /there 1", "sub /before 1"]);
-    node.obey(&["destroy /ended"]);
+    node.obey(&["sub /new 1", "sub /new 1", "destroy /there", "sub /there 1", "sub /there 1"]);
+    node.obey(&["sub /before 1", "destroy /ended"]);
     ledger.end(subscription(&ledger, "/ended").id).unwrap();
     node.obey(&["sub /ended 1"]);
     assert_eq!(late(&ledger, "/new"), [true, true]);
-    assert_eq!(late(&ledger, "/there"), [false, false]);
+    // Of two in the place of one the second is late.
+    assert_eq!(late(&ledger, "/there"), [false, false, true]);
     // Who left before we published has taken nothing of ours.
     assert_eq!(late(&ledger, "/before"), [false, true]);
     assert_eq!(late(&ledger, "/ended"), [false, true]);
