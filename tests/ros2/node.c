@@ -119,12 +119,20 @@ static void connect_relays(void) {
 }
 
 /* Destroys it and creates it again, as nodes do whose parameters change. */
-static void renew(struct subscription *of) {
+static void renew(struct subscription *of, uint64_t apart_us) {
   __typeof__(&asked.subscription[0]) as = &asked.subscription[of - subscriptions];
   rmw_destroy_subscription(node, of->rmw);
-  sleep_us(asked.apart_us);
+  sleep_us(apart_us);
   of->turn = 1 - of->turn;
   subscribe(of, as->topic, message_type(as->package, as->folder, as->type), &as->qos);
+}
+
+static void renew_if_asked(struct subscription *of) {
+  if (of == &clock_subscription) return;
+  __typeof__(&asked.subscription[0]) as = &asked.subscription[of - subscriptions];
+  if (as->slow_us > 0) sleep_us(as->slow_us);
+  if (asked.renew_every > 0 && of->taken % asked.renew_every == 0) renew(of, asked.apart_us);
+  if (of->taken == as->renew_at) renew(of, as->apart_us);
 }
 
 /* As executors do whose threads have missed that messages wait. */
@@ -149,7 +157,7 @@ static void execute(struct subscription *of) {
   } else {
     work(of);
   }
-  if (asked.renew_every > 0 && of->taken % asked.renew_every == 0) renew(of);
+  renew_if_asked(of);
   TRACE(ros_trace_callback_end(callback));
   doze(of);
 }

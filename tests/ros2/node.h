@@ -34,6 +34,7 @@ struct asked {
   struct {
     char topic[256], package[128], folder[8], type[128];
     struct rmw_qos qos;
+    uint64_t renew_at, apart_us, slow_us; /* of a subscription alone; 0: not */
   } subscription[MOST], publisher[MOST];
   int subscriptions, publishers;
   struct {

@@ -23,6 +23,8 @@ static const char usage[] =
     "--answers-from N       a message of fewer bytes gets none\n"
     "--renew-every N        after each Nth message a subscription is destroyed and created again\n"
     "--apart-us N           how long it has none in between\n"
+    "--renew I:N:US         once, after the Nth message of the Ith --sub, with so long in between\n"
+    "--slow I:US            how long callbacks of the Ith --sub take besides\n"
     "--doze-every N         after each Nth of the first hundred messages of a topic no more are taken\n"
     "                       until another one comes, whatever waits\n"
     "--die-after N          aborts in the callback of the Nth message of a topic\n"
@@ -89,6 +91,28 @@ static void relay(enum work work, const char *text) {
   asked.relay[asked.relays++].work = work;
 }
 
+/* The subscription that a text begins with the number of, from 1 on, and the numbers behind. */
+static __typeof__(&asked.subscription[0]) one_of(const char *text, int numbers, unsigned long long *of) {
+  unsigned long long which = 0;
+  int found = sscanf(text, "%llu:%llu:%llu", &which, &of[0], &of[1]);
+  if (found != 1 + numbers || which < 1 || which > (unsigned long long)asked.subscriptions)
+    refuse("no subscription before it, and numbers", text);
+  return &asked.subscription[which - 1];
+}
+
+static void renew_once(const char *text) {
+  unsigned long long of[2];
+  __typeof__(&asked.subscription[0]) one = one_of(text, 2, of);
+  one->renew_at = of[0];
+  one->apart_us = of[1];
+}
+
+static void slow(const char *text) {
+  unsigned long long of[2];
+  __typeof__(&asked.subscription[0]) one = one_of(text, 1, of);
+  one->slow_us = of[0];
+}
+
 static void value(const char *option, const char *text) {
   if (!strcmp(option, "--name")) name(text);
   else if (!strcmp(option, "--sub")) endpoint(true, text);
@@ -103,6 +127,8 @@ static void value(const char *option, const char *text) {
   else if (!strcmp(option, "--answers-from")) asked.answers_from = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--renew-every")) asked.renew_every = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--apart-us")) asked.apart_us = strtoull(text, NULL, 10);
+  else if (!strcmp(option, "--renew")) renew_once(text);
+  else if (!strcmp(option, "--slow")) slow(text);
   else if (!strcmp(option, "--doze-every")) asked.doze_every = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--die-after")) asked.die_after = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--burst")) asked.burst = strtoull(text, NULL, 10);

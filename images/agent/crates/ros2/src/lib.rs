@@ -14,6 +14,7 @@
 //! statically) are subscribers of which nothing is proved.
 #![forbid(unsafe_code)]
 
+mod absence;
 mod account;
 mod acquaintance;
 mod audit;

@@ -115,11 +115,6 @@ impl Link {
         Ok(others)
     }
 
-    /// The node is gone: what is kept for who comes late is none of what went out to it, if it comes back.
-    pub(crate) fn end(&self, ledger: &Ledger) -> Result<(), LedgerError> {
-        self.counted.as_ref().map_or(Ok(()), |counted| counted.end(ledger))
-    }
-
     /// Whether it is of this node in this process.
     pub(crate) fn is_of(&self, (process, node): &(ProcessId, String)) -> bool {
         self.node == *node && self.counted.as_ref().is_some_and(|one| one.process == *process)

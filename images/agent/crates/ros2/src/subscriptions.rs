@@ -3,13 +3,14 @@
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{PoisonError, RwLock};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use bagpipe_ros2ledger::{
     Counts, Durability, Endpoint, EndpointId, History, Ledger, LedgerError, ProcessId, Qos,
     Reliability, Strength,
 };
 
+use crate::absence::{Absence, RENEWED};
 use crate::qos::reaches;
 
 /// The most messages that may wait for a node to take them, however deep its queue.
@@ -37,19 +38,18 @@ pub(crate) struct Subscriptions {
 #[derive(Debug)]
 struct Now {
     counted: Vec<Counted>,
-    /// What each of a node's had taken of ours when there were others of them last.
-    earlier: u64,
-    /// What all had taken by then, whoever published it.
+    /// Those that are gone, and whose place none has taken yet.
+    left: BTreeMap<EndpointId, Left>,
+    /// What each had taken of ours when none was left.
+    reached: u64,
+    /// What those that are gone have taken, whoever published it.
     before: Taken,
-    /// What went out to those before them or was overwritten in their queues, and nobody will take any
-    /// more.
+    /// What was overwritten in their queues, and nobody will take any more.
     lost: u64,
     /// What they had taken, whoever published it, when what waited for them was given up last.
     written_off: Option<u64>,
     /// How often that was.
     write_offs: u32,
-    /// Those before them, while there are none.
-    left: Vec<EndpointId>,
     /// What each asks for.
     wanted: Vec<Qos>,
     /// The weakest of them.
@@ -103,18 +103,25 @@ struct Counted {
     id: EndpointId,
     /// What it had taken of which nothing counts here.
     before: Taken,
-    /// Messages of ours that count as taken: those that it was ahead of the slowest of its node, or that
-    /// went out before it was there.
-    spared: u64,
+    /// Messages of ours that count as taken besides: by the one whose place it took, or those that went out
+    /// before it was there.
+    begun_with: u64,
     /// Those that lay in the queue of the one whose place it took, and never come.
     never: u64,
+    /// Whether it is late, and nothing was sent to it yet.
+    is_new: bool,
 }
 
-impl Counted {
-    /// One that has taken nothing yet.
-    fn new(id: EndpointId) -> Counted {
-        Counted { id, before: Taken::default(), spared: 0, never: 0 }
-    }
+/// A subscription that is gone.
+#[derive(Debug)]
+struct Left {
+    /// Messages of ours that it had taken.
+    taken: u64,
+    /// The latest stamp of these.
+    latest: i64,
+    /// What had been sent by then.
+    sent: u64,
+    away: Absence,
 }
 
 impl Subscriptions {
@@ -134,19 +141,19 @@ impl Subscriptions {
                 true => Taken::default(),
                 false => Taken::of(&ledger.counts(one.id)?, known),
             };
-            Ok(Counted { before, ..Counted::new(one.id) })
+            Ok(Counted { id: one.id, before, begun_with: 0, never: 0, is_new: false })
         };
         Ok(Some(Subscriptions {
             process,
             known,
             now: RwLock::new(Now {
                 counted: subscriptions.iter().map(counted).collect::<Result<_, LedgerError>>()?,
-                earlier: 0,
+                left: BTreeMap::new(),
+                reached: 0,
                 before: Taken::default(),
                 lost: 0,
                 written_off: None,
                 write_offs: 0,
-                left: Vec::new(),
                 wanted: wanted(subscriptions),
                 strength: weakest(subscriptions).unwrap_or(Strength::Taken),
             }),
@@ -166,15 +173,15 @@ impl Subscriptions {
         now.counted.iter().map(since).collect()
     }
 
-    /// What each has taken of ours, with what it is spared.
+    /// What each has taken of ours, with what it began with.
     fn of_ours(&self, now: &Now, ledger: &Ledger) -> Result<Vec<u64>, LedgerError> {
-        let each = self.each(now, ledger)?;
-        Ok(each.iter().zip(&now.counted).map(|(taken, one)| taken.ours() + one.spared).collect())
+        let ours = |(taken, one): (&Taken, &Counted)| taken.ours() + one.begun_with;
+        Ok(self.each(now, ledger)?.iter().zip(&now.counted).map(ours).collect())
     }
 
     /// The least of that.
     fn least(&self, now: &Now, ledger: &Ledger) -> Result<u64, LedgerError> {
-        Ok(self.of_ours(now, ledger)?.into_iter().min().unwrap_or(0))
+        Ok(self.of_ours(now, ledger)?.into_iter().min().unwrap_or(now.reached))
     }
 
     /// Whether these are still all that there are.
@@ -196,59 +203,71 @@ impl Subscriptions {
         ledger: &Ledger,
     ) -> Result<(), LedgerError> {
         let mut now = self.now.write().unwrap_or_else(PoisonError::into_inner);
-        let before = self.leave(&mut now, ledger)?;
-        let waits = sent.saturating_sub(now.earlier);
-        let some_stay = subscriptions.iter().any(|one| before.contains_key(&one.id));
-        let waits = if some_stay { waits.saturating_sub(now.lost) } else { waits };
-        let counted = |one: &&Endpoint| match before.get(&one.id) {
-            Some((stays, _)) => *stays,
-            None => {
-                let replaced = before.values().filter(|(_, latest)| *latest == one.after);
-                let ahead = replaced.map(|(replaced, _)| replaced.spared).max();
-                let again = if one.late { 0 } else { kept.min(given_again(&one.qos)) };
-                let (spared, never) = comes(ahead, some_stay, waits, again);
-                Counted { spared, never, ..Counted::new(one.id) }
-            }
-        };
-        now.counted = subscriptions.iter().map(counted).collect();
-        if !some_stay {
-            // What is given to none of them again is lost.
-            let never = now.counted.iter_mut().map(|one| std::mem::take(&mut one.never));
-            now.lost = never.max().unwrap_or(waits);
+        now.reached = self.least(&now, ledger)?;
+        self.leave(&mut now, subscriptions, sent, ledger)?;
+        if now.counted.is_empty() {
+            now.lost = 0;
         }
-        now.left = if subscriptions.is_empty() { before.into_keys().collect() } else { Vec::new() };
+        let mut counted = Vec::new();
+        for one in subscriptions {
+            counted.push(match now.counted.iter().find(|known| known.id == one.id) {
+                Some(stays) => *stays,
+                None => come(&mut now, one, sent, kept),
+            });
+        }
+        now.counted = counted;
         now.wanted = wanted(subscriptions);
         Ok(())
     }
 
-    /// Counts what they have taken by now as taken before others: each as it goes on from here if it stays,
-    /// and the latest stamp of what it has taken.
+    /// Takes in which of them are gone.
     fn leave(
         &self,
         now: &mut Now,
+        subscriptions: &[&Endpoint],
+        sent: u64,
         ledger: &Ledger,
-    ) -> Result<BTreeMap<EndpointId, (Counted, i64)>, LedgerError> {
-        let least = self.least(now, ledger)?;
-        let mut before = BTreeMap::new();
-        for one in &now.counted {
-            let counts = Taken::of(&ledger.counts(one.id)?, self.known);
-            let since = counts.since(one.before);
+    ) -> Result<(), LedgerError> {
+        let is_there = |id| subscriptions.iter().any(|one| one.id == id);
+        let (stay, gone): (Vec<Counted>, Vec<Counted>) =
+            now.counted.iter().partition(|one| is_there(one.id));
+        for one in gone {
+            let since = Taken::of(&ledger.counts(one.id)?, self.known).since(one.before);
             now.before.all += since.all;
             now.before.unclear += since.unclear;
-            let spared = (since.ours() + one.spared).saturating_sub(least);
-            let goes_on = Counted { before: counts, spared, ..*one };
-            before.insert(one.id, (goes_on, ledger.latest(one.id)?));
+            let (taken, latest) = (one.begun_with + since.ours(), ledger.latest(one.id)?);
+            now.left.insert(one.id, Left { taken, latest, sent, away: Absence::begin() });
         }
-        now.earlier += least;
-        Ok(before)
+        now.counted = stay;
+        Ok(())
     }
 
-    /// Nobody takes the place of those that there were last.
+    /// Takes in that somebody looks at this moment: who takes no place for a while takes none any more.
     ///
     /// # Errors
     /// The ledger can't be read.
-    pub(crate) fn end(&self, ledger: &Ledger) -> Result<(), LedgerError> {
-        self.of_now(|now| now.left.iter().try_for_each(|id| ledger.end(*id)))
+    pub(crate) fn look(&self, at: Instant, ledger: &Ledger) -> Result<(), LedgerError> {
+        let mut now = self.now.write().unwrap_or_else(PoisonError::into_inner);
+        let mut gone = Vec::new();
+        now.left.retain(|id, left| {
+            let stays = left.away.look(at) < RENEWED;
+            gone.extend((!stays).then_some(*id));
+            stays
+        });
+        gone.into_iter().try_for_each(|id| ledger.end(id))
+    }
+
+    /// What is sent from now on goes to all that are there: late ones count from here.
+    ///
+    /// # Errors
+    /// The ledger can't be read.
+    pub(crate) fn begin(&self, ledger: &Ledger) -> Result<(), LedgerError> {
+        let mut now = self.now.write().unwrap_or_else(PoisonError::into_inner);
+        for one in now.counted.iter_mut().filter(|one| one.is_new) {
+            one.before = Taken::of(&ledger.counts(one.id)?, self.known);
+            one.is_new = false;
+        }
+        Ok(())
     }
 
     /// Takes in how far they prove what they take, which a subscription shows when it is complete.
@@ -293,7 +312,7 @@ impl Subscriptions {
     /// The ledger can't be read.
     pub(crate) fn taken(&self, ledger: &Ledger) -> Result<u64, LedgerError> {
         let now = self.now.read().unwrap_or_else(PoisonError::into_inner);
-        Ok(now.earlier + self.least(&now, ledger)?)
+        self.least(&now, ledger)
     }
 
     /// Messages that they have taken in all, whoever published them.
@@ -314,10 +333,8 @@ impl Subscriptions {
     pub(crate) fn waiting(&self, sent: u64, ledger: &Ledger) -> Result<u64, LedgerError> {
         let mut now = self.now.write().unwrap_or_else(PoisonError::into_inner);
         let ours = self.of_ours(&now, ledger)?;
-        let sent = sent.saturating_sub(now.earlier);
         let each = ours.iter().zip(&now.counted);
-        let left = each.map(|(ours, one)| sent.saturating_sub(ours + one.never)).max();
-        let left = left.unwrap_or(sent);
+        let left = each.map(|(ours, one)| sent.saturating_sub(ours + one.never)).max().unwrap_or(0);
         now.lost = now.lost.min(left);
         Ok(left - now.lost)
     }
@@ -418,17 +435,30 @@ fn depth(wanted: &Qos) -> Option<u64> {
     }
 }
 
-/// What a new subscription is spared, and what never comes to it, when so many wait for the slowest before it,
-/// and it is given so many of them again. It goes on where the one was whose place it takes, so far `ahead`
-/// of the slowest. Beside others, what waits for them was never sent to one that takes no place.
-fn comes(ahead: Option<u64>, some_stay: bool, waits: u64, again: u64) -> (u64, u64) {
-    match ahead {
-        None if some_stay => (waits.saturating_sub(again), 0),
-        _ => {
-            let spared = ahead.unwrap_or(0);
-            (spared, waits.saturating_sub(spared + again))
+/// A subscription that comes when so many were `sent` to its node, of which so many are `kept`: it takes the
+/// place of one that is gone. To one that takes none, nothing was sent yet.
+fn come(now: &mut Now, subscription: &Endpoint, sent: u64, kept: u64) -> Counted {
+    let is_replaced = |left: &Left| !subscription.late && left.latest == subscription.after;
+    let replaced = now.left.iter().find(|(_, left)| is_replaced(left)).map(|(id, _)| *id);
+    let (begun_with, never) = match replaced.and_then(|id| now.left.remove(&id)) {
+        Some(left) => {
+            let again = kept.min(given_again(&subscription.qos));
+            goes_on(left.taken, left.sent, (sent, again), now.lost)
         }
-    }
+        None if now.counted.is_empty() => (now.reached, sent.saturating_sub(now.reached)),
+        None => (sent, 0),
+    };
+    let (id, before, is_new) = (subscription.id, Taken::default(), subscription.late);
+    Counted { id, before, begun_with, never, is_new }
+}
+
+/// What a subscription begins with that takes the place of one which had `taken` so many when so many had
+/// been sent (`by_then`), and what never comes to it. Of those `sent` by now so many come `again`; what went
+/// out in between beyond these was sent to neither. `lost` were given up before.
+fn goes_on(taken: u64, by_then: u64, (sent, again): (u64, u64), lost: u64) -> (u64, u64) {
+    let from = taken.max(sent.saturating_sub(again));
+    let lay_in_its_queue = from.min(by_then).saturating_sub(taken);
+    (from - lay_in_its_queue, lay_in_its_queue.saturating_sub(lost))
 }
 
 /// How many a subscription takes at the most of those that are kept, in the place of one before it: none,
@@ -445,15 +475,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn who_takes_another_s_place_goes_on_where_that_was_and_who_takes_none_is_spared_what_waits() {
-        let (waits, again) = (7, 4);
-        assert_eq!(comes(Some(2), true, waits, again), (2, 1));
-        assert_eq!(comes(Some(2), false, waits, again), (2, 1));
-        assert_eq!(comes(Some(2), true, waits, 50), (2, 0));
-        assert_eq!(comes(Some(0), true, waits, 0), (0, 7));
-        assert_eq!(comes(None, false, waits, again), (0, 3));
-        assert_eq!(comes(None, true, waits, 0), (7, 0));
-        assert_eq!(comes(None, true, waits, again), (3, 0));
+    fn who_takes_another_s_place_goes_on_where_that_was() {
+        // Seven lay in its queue, of which four come again, all of them, or none.
+        assert_eq!(goes_on(93, 100, (100, 4), 0), (93, 3));
+        assert_eq!(goes_on(93, 100, (100, 50), 0), (93, 0));
+        assert_eq!(goes_on(93, 100, (100, 0), 0), (93, 7));
+        assert_eq!(goes_on(93, 100, (100, 0), 5), (93, 2));
+        // While it was away twenty went out to others.
+        assert_eq!(goes_on(93, 100, (120, 0), 0), (113, 7));
+        assert_eq!(goes_on(93, 100, (120, 22), 0), (93, 5));
+        assert_eq!(goes_on(93, 100, (120, 12), 0), (101, 7));
+        assert_eq!(goes_on(100, 100, (120, 50), 0), (100, 0));
     }
 
     #[test]

@@ -100,7 +100,8 @@ struct ledger_endpoint {
    * when it was listed. */
   _Atomic int64_t own_latest;
   _Atomic int64_t own_after;
-  _Atomic uint64_t reserved_counts[3];
+  _Atomic uint64_t destroyed; /* which of its process' endpoints that were, from 1 on */
+  _Atomic uint64_t reserved_counts[2];
 };
 
 struct ledger {

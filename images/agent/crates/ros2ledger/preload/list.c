@@ -17,6 +17,7 @@ struct stray {
 
 static struct stray strays[STRAYS];
 static uint32_t next_stray;
+static uint64_t destroyed; /* endpoints, by now */
 
 static void forget_all(void) {
   address_forget_all();
@@ -78,6 +79,7 @@ static void fill(struct ledger_endpoint *endpoint, const struct creation *of, co
   endpoint->taken_unknown = 0;
   endpoint->own_latest = 0;
   endpoint->own_after = 0;
+  endpoint->destroyed = 0;
   copy(endpoint->topic, of->topic);
   copy(endpoint->node, node);
 }
@@ -96,9 +98,9 @@ static int64_t now(void) {
   return (int64_t)time.tv_sec * 1000000000 + time.tv_nsec;
 }
 
-/* The one that this node has destroyed whose place this one takes: of several the one that took last. */
+/* The one whose place this one takes: the last of those that this node has destroyed. */
 static struct ledger_endpoint *find_replaced(struct ledger *ledger, uint32_t owner,
-                                             struct ledger_endpoint *made, int64_t *latest) {
+                                             struct ledger_endpoint *made) {
   struct ledger_endpoint *replaced = NULL;
   uint32_t used = atomic_load(&ledger->header.endpoints_used);
   for (uint32_t slot = 0; slot < used && slot < LEDGER_ENDPOINTS; slot++) {
@@ -107,11 +109,7 @@ static struct ledger_endpoint *find_replaced(struct ledger *ledger, uint32_t own
     if (!destroyed || (atomic_load(&one->flags) & FLAG_REPLACED) || one->kind != made->kind ||
         !same(one->topic, made->topic) || !same(one->node, made->node))
       continue;
-    int64_t own = atomic_load(&one->own_latest), after = atomic_load(&one->own_after);
-    if (own < after) own = after;
-    if (replaced != NULL && own <= *latest) continue;
-    replaced = one;
-    *latest = own;
+    if (replaced == NULL || one->destroyed > replaced->destroyed) replaced = one;
   }
   return replaced;
 }
@@ -119,10 +117,10 @@ static struct ledger_endpoint *find_replaced(struct ledger *ledger, uint32_t own
 /* From which message on this subscription counts. Of what is kept, nothing was sent to one that comes late
  * and takes no other's place. */
 static void note_beginning(struct ledger *ledger, uint32_t owner, struct ledger_endpoint *made) {
-  int64_t latest = 0;
-  struct ledger_endpoint *replaced = find_replaced(ledger, owner, made, &latest);
-  made->own_after = latest;
+  struct ledger_endpoint *replaced = find_replaced(ledger, owner, made);
   if (replaced != NULL) {
+    int64_t own = atomic_load(&replaced->own_latest), after = atomic_load(&replaced->own_after);
+    made->own_after = own > after ? own : after;
     atomic_fetch_or(&replaced->flags, FLAG_REPLACED);
   } else if (atomic_load(&ledger->header.own_published) != 0) {
     made->own_after = now();
@@ -176,6 +174,7 @@ void list_destroyed(const void *address) {
   if (endpoint != NULL) {
     address_forget(slot);
     matches_of(slot, endpoint->kind, NULL);
+    endpoint->destroyed = ++destroyed;
     atomic_store(&endpoint->state, PHASE_DESTROYED | owner << LEDGER_OWNER_SHIFT);
     changed(ledger, EVENT_LISTED);
   }

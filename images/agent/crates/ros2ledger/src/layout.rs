@@ -91,7 +91,8 @@ pub(crate) struct EndpointSlot {
     pub(crate) taken_unknown: AtomicU64,
     pub(crate) own_latest: AtomicI64,
     pub(crate) own_after: AtomicI64,
-    pub(crate) reserved_counts: [AtomicU64; 3],
+    pub(crate) destroyed: AtomicU64,
+    pub(crate) reserved_counts: [AtomicU64; 2],
 }
 
 #[repr(C)]
@@ -142,7 +143,7 @@ mod tests {
             intra_started: u64, intra_ended: u64, returned: u64, published: u64,
             topic: [u8; 256],
             node: [u8; 256], seen_at: u64, taken_own: u64, taken_unknown: u64,
-            own_latest: i64, own_after: i64, reserved_counts: [u64; 3]),
+            own_latest: i64, own_after: i64, destroyed: u64, reserved_counts: [u64; 2]),
         );
         all.extend(fields!(Layout, "ledger", header: Header, process: [ProcessEntry; 512],
             endpoint: [EndpointSlot; 4096], own: [u64; 4096]));

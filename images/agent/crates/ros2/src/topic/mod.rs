@@ -18,9 +18,9 @@ use crate::link::{Link, Totals};
 use crate::qos::incompatible;
 pub(crate) use look::Look;
 
+use crate::absence::Absence;
 use credit::Sent;
 use look::Owner;
-use subscribers::Absence;
 
 /// What our players' names begin with; their process and a number follow.
 pub(crate) const PLAYER: &str = "/bagpipe_player_";
@@ -65,6 +65,9 @@ pub(crate) struct Topic {
 struct Looked {
     /// Of those that count.
     counted: Totals,
+    /// With the message that was handed over next, and when, in ns since 1970.
+    handed: Totals,
+    handed_at: i64,
     /// Of others.
     uncounted: Totals,
 }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
 use bagpipe_graph::{Cancelled, Outlet, PacedBy, SendError, Share};
 use bagpipe_ros2ledger::{Event, Ledger, LedgerError, Waited};
@@ -85,6 +85,29 @@ impl Topic {
         self.means.player.stage(self.publisher, &[message]).map_err(|error| failed(&error))
     }
 
+    /// Takes in that a message goes out; false where somebody has come meanwhile who is to be met first.
+    fn count(&self, share: Share, bytes: usize) -> Result<bool, SendError> {
+        // Whoever looks at the subscribers meanwhile waits, so that none has it twice.
+        let mut looked = self.looked.lock().unwrap_or_else(PoisonError::into_inner);
+        if self.has_strangers() {
+            return Ok(false);
+        }
+        self.means.ledger.note_published();
+        // Where nobody is new, nobody has missed what went out by now.
+        if self.listed.load(Ordering::Relaxed) == self.means.ledger.listed() {
+            looked.counted = self.sent().totals;
+            looked.handed = looked.counted;
+            looked.handed.add(share, bytes);
+            looked.handed_at = nanoseconds(SystemTime::now());
+        }
+        for link in self.links().iter().filter(|link| link.is_open()) {
+            link.count(share, bytes);
+            link.note_taken(&self.means.ledger).map_err(|error| failed(&error))?;
+        }
+        self.sent().add(share, bytes);
+        Ok(true)
+    }
+
     fn publish(
         &self,
         share: Share,
@@ -92,20 +115,6 @@ impl Topic {
         staged: Option<Staged>,
         cancelled: Cancelled<'_>,
     ) -> Result<(), SendError> {
-        {
-            // Whoever looks at the subscribers meanwhile waits, so that none has it twice.
-            let mut looked = self.looked.lock().unwrap_or_else(PoisonError::into_inner);
-            self.means.ledger.note_published();
-            // Where nobody is new, nobody has missed what went out by now.
-            if self.listed.load(Ordering::Relaxed) == self.means.ledger.listed() {
-                looked.counted = self.sent().totals;
-            }
-            for link in self.links().iter().filter(|link| link.is_open()) {
-                link.count(share, message.len());
-                link.note_taken(&self.means.ledger).map_err(|error| failed(&error))?;
-            }
-            self.sent().add(share, message.len());
-        }
         if share == Share::Counted && self.means.watching.swap(false, Ordering::Relaxed) {
             self.means.ledger.watch_matches(false);
         }
@@ -118,6 +127,33 @@ impl Topic {
             Ok(()) => Ok(()),
             Err(PlayerError::Cancelled) => Err(SendError::Cancelled),
             Err(error) => Err(failed(&error)),
+        }
+    }
+
+    /// Until it can go out, and is counted; what was copied of it by then.
+    fn await_turn(
+        &self,
+        share: Share,
+        message: &[u8],
+        cancelled: Cancelled<'_>,
+    ) -> Result<Option<Staged>, SendError> {
+        loop {
+            self.meet(cancelled)?;
+            if let Some(why) = self.misread() {
+                return Err(SendError::Failed { reason: "BagUnreadable", what: why.to_owned() });
+            }
+            let mut staged = None;
+            match (self.means.paced_by, share) {
+                (PacedBy::Subscribers, _) => {
+                    staged = self.stage(message)?;
+                    self.await_room(message.len() as u64, cancelled)?;
+                }
+                (PacedBy::Schedule, Share::LeadIn) => self.await_first(message, cancelled)?,
+                (PacedBy::Schedule, Share::Counted) => {}
+            }
+            if self.count(share, message.len())? {
+                return Ok(staged);
+            }
         }
     }
 
@@ -241,6 +277,12 @@ fn done(link: &Link, ledger: &Ledger) -> Result<i128, LedgerError> {
     Ok(2 * taken - i128::from(link.in_hand(ledger)?))
 }
 
+/// Since 1970, as a source stamps its messages.
+fn nanoseconds(time: SystemTime) -> i64 {
+    let since = time.duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
+    i64::try_from(since.as_nanos()).unwrap_or(i64::MAX)
+}
+
 pub(super) fn failed(error: &dyn std::error::Error) -> SendError {
     SendError::Failed { reason: "Ros2Failed", what: error.to_string() }
 }
@@ -261,19 +303,7 @@ impl Outlet for Topic {
     ) -> Result<(), SendError> {
         for frame in frames {
             let message = frame.get(4..).unwrap_or_default();
-            self.meet(cancelled)?;
-            if let Some(why) = self.misread() {
-                return Err(SendError::Failed { reason: "BagUnreadable", what: why.to_owned() });
-            }
-            let mut staged = None;
-            match (self.means.paced_by, share) {
-                (PacedBy::Subscribers, _) => {
-                    staged = self.stage(message)?;
-                    self.await_room(message.len() as u64, cancelled)?;
-                }
-                (PacedBy::Schedule, Share::LeadIn) => self.await_first(message, cancelled)?,
-                (PacedBy::Schedule, Share::Counted) => {}
-            }
+            let staged = self.await_turn(share, message, cancelled)?;
             self.publish(share, message, staged, cancelled)?;
         }
         Ok(())

@@ -12,37 +12,15 @@ use bagpipe_ros2player::{Durability, History, Reliability};
 use super::Topic;
 use super::look::{Look, Owner};
 use super::sending::failed;
+use crate::absence::{Absence, RENEWED};
 use crate::link::{Link, Totals};
 use crate::qos::{incompatible, reaches};
-use crate::stillness::counted;
 use crate::subscriptions::Subscriptions;
 
 /// A subscription whose process has not reported for so long whom it knows is believed to know us.
 const UNREPORTED: Duration = Duration::from_secs(2);
-/// How long we may take to know a subscription in place of another of the same node, at which the
-/// number that we know stays the same. Fast DDS was measured to take up to 0.24 s.
-const RENEWED: Duration = Duration::from_millis(300);
 /// How often somebody who waits for new subscriptions looks at them.
 const MATCHES: Duration = Duration::from_millis(5);
-
-/// For how long a node has been without its subscriptions, at the looks that were taken.
-pub(super) struct Absence {
-    looked: Instant,
-    lasted: Duration,
-}
-
-impl Absence {
-    fn begin() -> Absence {
-        Absence { looked: Instant::now(), lasted: Duration::ZERO }
-    }
-
-    /// Takes in a look at this moment.
-    fn look(&mut self, now: Instant) -> Duration {
-        self.lasted += counted(now - self.looked);
-        self.looked = now;
-        self.lasted
-    }
-}
 
 impl Topic {
     /// Takes in who subscribes now: those that count, and the names of others, where somebody asked
@@ -56,7 +34,9 @@ impl Topic {
         // What goes out from here on is counted by the links.
         let sent = self.sent().totals;
         let missed = sent.since(looked.counted);
-        looked.counted = sent;
+        // Who is listed behind the message that was handed over last has not missed that one.
+        let (handed_at, missed_behind) = (looked.handed_at, sent.since(looked.handed));
+        (looked.counted, looked.handed) = (sent, sent);
         let mut nodes = look.subscriptions(&self.info.topic);
         // What asks for more than we offer gets nothing, and has nothing to be waited for.
         nodes.retain(|_, subscriptions| {
@@ -64,31 +44,28 @@ impl Topic {
             !subscriptions.is_empty()
         });
         self.strangers().retain(|owner, _| nodes.contains_key(owner));
-        let mut links = Vec::clone(&self.links());
+        let (now, mut links) = (Instant::now(), Vec::clone(&self.links()));
         for link in &links {
             let Some(counted) = &link.counted else { continue };
             let owner = (counted.process, link.node.clone());
             let there = nodes.get(&owner).map(Vec::as_slice).unwrap_or_default();
             let others = link.replace(there, self.kept(), &self.means.ledger)?;
-            if there.is_empty() && link.is_open() && look.running.contains(&owner.0) {
+            counted.look(now, &self.means.ledger)?;
+            if there.is_empty() && others && look.running.contains(&owner.0) {
                 self.departed().insert(owner, Absence::begin());
             }
             if there.is_empty() || (others && self.means.paced_by == PacedBy::Subscribers) {
                 link.close();
             }
         }
-        let now = Instant::now();
-        let mut gone = Vec::new();
         self.departed().retain(|owner, absence| {
-            let away = !nodes.contains_key(owner) && look.running.contains(&owner.0);
-            let stays_away = away && absence.look(now) >= RENEWED;
-            gone.extend(stays_away.then(|| owner.clone()));
-            away && !stays_away
+            !nodes.contains_key(owner)
+                && look.running.contains(&owner.0)
+                && absence.look(now) < RENEWED
         });
-        for link in links.iter().filter(|link| gone.iter().any(|owner| link.is_of(owner))) {
-            link.end(&self.means.ledger)?;
-        }
         for (owner, subscriptions) in &nodes {
+            let behind = subscriptions.iter().all(|one| one.late && one.after > handed_at);
+            let missed = if behind { missed_behind } else { missed };
             self.welcome(&mut links, owner, subscriptions, (look, missed))?;
         }
         if let Some(uncounted) = uncounted {
@@ -122,6 +99,9 @@ impl Topic {
         }
         let missed = if at_once { missed } else { Totals::default() };
         if let Some(link) = known {
+            if let Some(counted) = link.counted.as_ref().filter(|_| !at_once) {
+                counted.begin(&self.means.ledger)?;
+            }
             link.open(missed);
             return Ok(());
         }
@@ -286,20 +266,5 @@ impl Topic {
                 return Err(SendError::Cancelled);
             }
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn an_absence_lasts_as_long_as_somebody_looked() {
-        let mut absence = Absence::begin();
-        let (begun, ms) = (absence.looked, Duration::from_millis);
-        assert_eq!(absence.look(begun + ms(5)), ms(5));
-        assert_eq!(absence.look(begun + ms(30)), ms(30));
-        // A machine that stood still.
-        assert_eq!(absence.look(begun + ms(5_000)), ms(70));
     }
 }

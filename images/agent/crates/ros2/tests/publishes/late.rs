@@ -8,7 +8,7 @@ use bagpipe_ros2ledger::{Endpoint, Kind};
 
 use crate::scene::{Ask, DEFAULT, MS, Scene, recorded, recording_of, stamped};
 use crate::standin::Node;
-use crate::{LATCHED, counts, late_queue, line, queue, start_lane_of, strings, whole};
+use crate::{LATCHED, RELIABLE, counts, late_queue, line, queue, start_lane_of, strings, whole};
 
 /// What the node's answer has of a message: FNV-1a of its bytes.
 fn hash(bytes: &[u8]) -> String {
@@ -97,6 +97,55 @@ fn of_two_subscriptions_each_goes_on_where_the_one_was_whose_place_it_takes() {
     assert!((answered - 10..=answered).contains(&ledger.received), "{answered} {ledger:?}");
 }
 
+/// Plays at full speed to a node whose first subscription is faster than its second, which answers.
+fn to_a_fast_and_a_slow_one(
+    kept: &str,
+    queue: &str,
+    messages: u64,
+    more: &[&str],
+) -> (u64, Ledger) {
+    let scene = Scene::new();
+    let lane = [&["--sub", queue, "--threads", "2"], more].concat();
+    let _lane = start_lane_of(&scene, queue, &lane);
+    let replayed = scene.play(&recording_of(&strings(kept), messages, 60), &DEFAULT).unwrap();
+    (answered_numbers(&replayed, messages).len() as u64, replayed.ledger)
+}
+
+#[test]
+fn one_that_was_ahead_and_is_created_again_between_two_looks_is_ahead_as_before() {
+    let more = ["--slow", "2:20000", "--renew", "1:100:50000"];
+    let (answered, ledger) = to_a_fast_and_a_slow_one(LATCHED, &late_queue("10"), 150, &more);
+    assert_eq!((answered, line(&ledger)), (150, whole(150)));
+}
+
+#[test]
+fn what_lay_in_the_queue_of_one_that_goes_and_comes_again_is_lost() {
+    let more = ["--slow", "2:5000", "--renew", "2:100:100000"];
+    let (answered, ledger) = to_a_fast_and_a_slow_one(RELIABLE, &queue("20"), 400, &more);
+    assert_eq!((ledger.received, ledger.dropped), (answered, 400 - answered), "{ledger:?}");
+    assert!(answered <= 385, "{answered}: nothing lay in its queue");
+}
+
+#[test]
+fn who_comes_again_takes_the_place_of_the_one_that_went_last() {
+    for _again in 0..5 {
+        let scene = Scene::new();
+        let more = ["--slow", "2:20000", "--renew", "1:100:600000", "--renew", "2:95:20000"];
+        let queue = late_queue("10");
+        let lane = [&["--sub", &queue, "--threads", "2"], &more[..]].concat();
+        let _lane = start_lane_of(&scene, &queue, &lane);
+        let replayed = scene.play(&recording_of(&strings(LATCHED), 150, 60), &DEFAULT).unwrap();
+        let all = scene.ledger.endpoints().unwrap();
+        let mut of_lane = all.iter().filter(|one| one.kind == Kind::Subscription);
+        // On a busy machine the second one may be away for too long to be waited for.
+        if !of_lane.nth(2).unwrap().late {
+            assert_eq!(line(&replayed.ledger), whole(150));
+            return;
+        }
+    }
+    panic!("the machine was too slow");
+}
+
 /// To a node that comes back after 1.5 s nothing was sent meanwhile.
 #[test]
 fn nor_does_what_is_kept_while_a_node_is_away() {
@@ -157,4 +206,26 @@ fn what_is_kept_for_a_node_that_comes_late_hides_no_loss_of_what_is_played_from_
     let taken = counts(&scene, Kind::Subscription, "/lane", "/in").taken;
     let of_ours = taken - 150..=taken - 50;
     assert!(of_ours.contains(&line.received), "{taken} taken, {line:?}");
+}
+
+/// What goes out between its listing and the next look was sent to it.
+#[test]
+fn a_node_that_comes_during_the_lead_in_by_the_clock_lacks_nothing_of_the_window() {
+    let kept = LATCHED.replace("depth: 100", "depth: 1000");
+    let scene = Scene::new();
+    let _first = scene.start("standin_node", &["--name", "/first", "--sub", &queue("5000")]);
+    let mut lane = None;
+    let mut seen = |_: Progress| {
+        let begun = || counts(&scene, Kind::Subscription, "/first", "/in").taken >= 200;
+        if lane.is_none() && begun() {
+            lane = Some(start_lane_of(&scene, &late_queue("1000"), &[]));
+        }
+    };
+    let drain = Duration::from_secs(2);
+    let ask = Ask { mode: Mode::Realtime, lead_in: 1000 * MS, drain, ..DEFAULT };
+    let recording = recording_of(&strings(&kept), 2000, 60);
+    let replayed = scene.play_while(&recording, &ask, &mut seen).unwrap();
+    let lines = &replayed.ledger.topics[0].subscribers;
+    let lane = lines.iter().find(|line| line.node == "/lane").unwrap();
+    assert_eq!((lane.received, lane.dropped), (1000, 0));
 }
