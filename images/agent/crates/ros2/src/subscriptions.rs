@@ -191,8 +191,8 @@ impl Subscriptions {
     }
 
     /// Takes in that these are there in place of those before, to whom so many were sent: one that
-    /// stays goes on to count, and one that is new has taken nothing yet. Who comes late is given so many
-    /// that are `kept`.
+    /// stays goes on to count, and one that is new goes on where the one was whose place it takes, and is
+    /// given again what is `kept`, so many at the most.
     ///
     /// # Errors
     /// The ledger can't be read.

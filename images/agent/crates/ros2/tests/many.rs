@@ -11,6 +11,7 @@ use bagpipe_log::RecordingWriter;
 use bagpipe_mcap::{Mcap, McapWriter, WriterOptions};
 use bagpipe_replay::{Mode, Strength};
 use scene::{Ask, MS, Scene, imu, recorded, recording, stamped};
+use standin::hash;
 
 const TOPICS: usize = 1000;
 
@@ -87,13 +88,6 @@ fn in_lock_step(program: &str, moments: u64, more: &[&str]) -> Stepped {
     let ledger = &replayed.ledger;
     assert_eq!((ledger.sent, ledger.received, ledger.dropped), (4 * moments, 4 * moments, 0));
     Stepped { answers: recorded(&replayed), warnings: replayed.playback.warnings }
-}
-
-/// As a node hashes a message (FNV-1a); its length is a multiple of 4.
-fn hash(bytes: &[u8]) -> u64 {
-    bytes.iter().fold(0xcbf2_9ce4_8422_2325, |value, byte| {
-        (value ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3)
-    })
 }
 
 /// The hash of the message that an answer is to.

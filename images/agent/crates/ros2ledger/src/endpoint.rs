@@ -222,7 +222,6 @@ pub(crate) fn again(slot: &EndpointSlot, known: &Endpoint, phase: u32) -> Result
     Ok(Endpoint {
         destroyed: phase == PHASE_DESTROYED,
         intra_process: flags & FLAG_INTRA != 0,
-        after: slot.own_after.load(SeqCst),
         strength: strength(flags),
         counts: counts(slot)?,
         ..known.clone()

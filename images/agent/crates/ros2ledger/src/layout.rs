@@ -19,6 +19,11 @@ pub(crate) const PHASE_DESTROYED: u32 = 3;
 /// An endpoint's state has its phase in the low byte and the process that owns it above.
 pub(crate) const OWNER_SHIFT: u32 = 8;
 
+/// The phase in an endpoint's state.
+pub(crate) fn phase(state: u32) -> u32 {
+    state & ((1 << OWNER_SHIFT) - 1)
+}
+
 pub(crate) const PROCESS_FREE: u32 = 0;
 pub(crate) const PROCESS_LIVE: u32 = 1;
 pub(crate) const PROCESS_REPLACED: u32 = 2;

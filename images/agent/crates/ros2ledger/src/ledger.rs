@@ -9,7 +9,7 @@ use std::sync::atomic::Ordering::SeqCst;
 use crate::endpoint::{self, Wrong};
 use crate::layout::{
     ENDPOINTS, EndpointSlot, Layout, OWNER_SHIFT, PHASE_CLAIMED, PHASE_DESTROYED, PHASE_FREE,
-    PHASE_LIVE, PROCESS_FREE, PROCESS_LIVE, PROCESS_REPLACED, PROCESSES, ProcessEntry,
+    PHASE_LIVE, PROCESS_FREE, PROCESS_LIVE, PROCESS_REPLACED, PROCESSES, ProcessEntry, phase,
 };
 use crate::memory::Memory;
 use crate::process::{is_alive, is_asleep, uses_ros2};
@@ -269,7 +269,7 @@ impl Ledger {
         let slot = &self.memory.endpoint[at];
         let generation = slot.generation.load(SeqCst);
         let state = slot.state.load(SeqCst);
-        let phase = match state & ((1 << OWNER_SHIFT) - 1) {
+        let phase = match phase(state) {
             PHASE_FREE | PHASE_CLAIMED => return Ok(None),
             phase @ (PHASE_LIVE | PHASE_DESTROYED) => phase,
             other => {

@@ -3,7 +3,7 @@
 
 use std::sync::atomic::Ordering::SeqCst;
 
-use crate::layout::{FLAG_REPLACED, OWN, OWNER_SHIFT, PHASE_DESTROYED};
+use crate::layout::{FLAG_REPLACED, OWN, PHASE_DESTROYED, phase};
 use crate::{EndpointId, Ledger, LedgerError};
 
 /// How many a ledger has room for: beyond, a look for one that is not there would take long.
@@ -52,7 +52,7 @@ impl Ledger {
         }
         // They have taken none of it, so that who takes their place is no less late.
         for slot in &self.memory.endpoint {
-            if slot.state.load(SeqCst) & ((1 << OWNER_SHIFT) - 1) == PHASE_DESTROYED {
+            if phase(slot.state.load(SeqCst)) == PHASE_DESTROYED {
                 slot.flags.fetch_or(FLAG_REPLACED, SeqCst);
             }
         }

@@ -14,11 +14,11 @@ use bagpipe_graph::{FarEnd, LinkState, PacedBy, Publication, TopicInfo};
 use bagpipe_ros2ledger::{Endpoint, Kind, Ledger};
 use bagpipe_ros2player::{Player, PublisherId, Qos};
 
+use crate::absence::Absence;
 use crate::link::{Link, Totals};
 use crate::qos::incompatible;
 pub(crate) use look::Look;
 
-use crate::absence::Absence;
 use credit::Sent;
 use look::Owner;
 
@@ -60,7 +60,7 @@ pub(crate) struct Topic {
     others: Mutex<BTreeSet<String>>,
 }
 
-/// What had gone out when no subscription was there that has no link.
+/// What had gone out, by the clock, when no subscription was there that has no link.
 #[derive(Default)]
 struct Looked {
     /// Of those that count.

@@ -93,8 +93,9 @@ impl Topic {
             return Ok(false);
         }
         self.means.ledger.note_published();
+        let by_the_clock = self.means.paced_by == PacedBy::Schedule;
         // Where nobody is new, nobody has missed what went out by now.
-        if self.listed.load(Ordering::Relaxed) == self.means.ledger.listed() {
+        if by_the_clock && self.listed.load(Ordering::Relaxed) == self.means.ledger.listed() {
             looked.counted = self.sent().totals;
             looked.handed = looked.counted;
             looked.handed.add(share, bytes);

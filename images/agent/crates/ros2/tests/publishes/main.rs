@@ -1,5 +1,6 @@
-//! Publishers of the stack beside our recorder and beside our player: what they publish is none of
-//! ours, and comes before their calls have returned, as on a busy machine.
+//! Who else is at a topic. Publishers of the stack beside our recorder and beside our player: what they
+//! publish is none of ours, and comes before their calls have returned, as on a busy machine. Subscribers
+//! that come late or again (`late`), to whom things are given that were not sent to them.
 #![allow(clippy::unwrap_used)]
 
 mod late;

@@ -332,6 +332,13 @@ pub fn message(number: u64, length: usize) -> Vec<u8> {
     bytes
 }
 
+/// FNV-1a, which a node's answer has of a message whose length is a multiple of 4.
+pub fn hash(bytes: &[u8]) -> u64 {
+    bytes.iter().fold(0xcbf2_9ce4_8422_2325, |value, byte| {
+        (value ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3)
+    })
+}
+
 /// The number of a message that [`message`] made.
 pub fn number(message: &[u8]) -> u64 {
     u64::from_le_bytes(message[4..12].try_into().unwrap())
