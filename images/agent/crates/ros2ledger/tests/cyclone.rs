@@ -186,6 +186,23 @@ fn of_a_publisher_that_has_left_it_stays_known() {
     assert_eq!((counts.taken, counts.taken_own, counts.taken_unknown), (5, 5, 0));
 }
 
+#[test]
+fn who_takes_a_place_takes_that_of_the_one_that_went_last_and_counts_from_there() {
+    let ledger = Ledger::new().unwrap();
+    // Within a process all match at once.
+    let mut node = start(Client::Rclcpp, &ledger);
+    node.obey(&["sub /place 10 reliable", "sub /place 10 reliable", "pub /place 10"]);
+    ledger.own(&node.gid("/place")).unwrap();
+    // The second goes, then the first, which has taken one more.
+    node.obey(&["publish /place 2", "total /place 2", "destroy /place"]);
+    node.obey(&["publish /place 1", "total /place 3", "destroy /place", "sub /place 10 reliable"]);
+    let mut all = ledger.endpoints().unwrap();
+    all.retain(|one| one.kind == Kind::Subscription);
+    let latest = |at: usize| ledger.latest(all[at].id).unwrap();
+    assert!(latest(0) > latest(1) && latest(1) > 0);
+    assert_eq!((all[2].after, all[2].late), (latest(0), false));
+}
+
 /// A chain of processes in steps: whenever it is still, its end has what was put in.
 #[test]
 fn a_chain_of_processes_is_still_only_when_its_end_has_called() {
