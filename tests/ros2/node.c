@@ -277,6 +277,7 @@ int serve(int argc, char **argv) {
   create_endpoints();
   connect_relays();
   life_begins();
+  sleep_us(asked.spins_late_us);
   for (int one = 0; one < asked.threads; one++) pthread_create(&threads[one], NULL, spin, NULL);
   if (asked.sim_time) pthread_create(&clock_thread, NULL, follow_clock, NULL);
   pthread_create(&talking, NULL, talk, NULL);

@@ -43,7 +43,7 @@ struct asked {
   } relay[MOST];
   int relays, threads;
   bool sim_time;
-  uint64_t delay_us, first_us, die_after, drop_every, renew_every, apart_us, answers, burst, every_us,
+  uint64_t delay_us, spins_late_us, first_us, die_after, drop_every, renew_every, apart_us, answers, burst, every_us,
       doze_every, answers_from;
   char counts[512];
   int life; /* the state in which its life cycle begins, or 0: it has none */

@@ -17,6 +17,7 @@ static const char usage[] =
     "                       messages came\n"
     "--use-sim-time         takes /clock in a thread of its own; --relay adds the time\n"
     "--delay-us N           how long each callback takes\n"
+    "--spins-late-us N      how long it sleeps before it takes anything\n"
     "--first-us N           how long the first of a topic takes besides\n"
     "--drop-every N         each Nth message of a topic gets no answer\n"
     "--answers N            each other one gets so many, in place of one\n"
@@ -121,6 +122,7 @@ static void value(const char *option, const char *text) {
   else if (!strcmp(option, "--relay-stamp")) relay(WORK_STAMP, text);
   else if (!strcmp(option, "--steer")) relay(WORK_STEER, text);
   else if (!strcmp(option, "--delay-us")) asked.delay_us = strtoull(text, NULL, 10);
+  else if (!strcmp(option, "--spins-late-us")) asked.spins_late_us = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--first-us")) asked.first_us = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--drop-every")) asked.drop_every = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--answers")) asked.answers = strtoull(text, NULL, 10);

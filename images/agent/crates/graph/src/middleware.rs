@@ -90,6 +90,12 @@ pub trait Node: Send + Sync {
         Vec::new()
     }
 
+    /// Whether it is known of every other node that it does its work, and no more prepares for it; by
+    /// the last [`Node::look`].
+    fn all_spin(&self) -> bool {
+        false
+    }
+
     /// That the play begins, from which on that must stay there ([`Sink::broken`]); what is not there
     /// by now, as above.
     fn begin(&self) -> Vec<String> {

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use bagpipe_graph::SystemState;
 
 use crate::play::Player;
-use crate::processes::Starting;
+use crate::startup::Startup;
 use crate::watch::Watch;
 use crate::{ReplayError, ReplayRequest};
 
@@ -13,8 +13,7 @@ use crate::{ReplayError, ReplayRequest};
 /// than one that makes them at the first time, so that two runs would differ by how quickly their nodes
 /// have started: none is shown while somebody works to start.
 pub(crate) struct FirstTime {
-    starting: Starting,
-    last: SystemState,
+    startup: Startup,
     /// A stack that works without end gets its time, too.
     at_the_latest: Instant,
 }
@@ -24,8 +23,7 @@ impl FirstTime {
     pub(crate) fn new(request: &ReplayRequest, now: Instant) -> FirstTime {
         let patience: Duration = request.subscribe_deadline / 2;
         FirstTime {
-            starting: Starting::below(request.start.at_rest_below),
-            last: SystemState::default(),
+            startup: Startup::below(request.start.at_rest_below),
             at_the_latest: now + patience,
         }
     }
@@ -43,11 +41,7 @@ impl FirstTime {
         if !player.shows_time() {
             return Ok(());
         }
-        let changed = state.is_some_and(|state| *state != self.last);
-        if let Some(state) = state.filter(|_| changed) {
-            self.last = state.clone();
-        }
-        if self.starting.rests(changed) || watch.now() >= self.at_the_latest {
+        if self.startup.rests(state) || watch.now() >= self.at_the_latest {
             player.show_clock(watch)?;
         }
         Ok(())

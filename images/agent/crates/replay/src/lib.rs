@@ -45,6 +45,7 @@ mod settle;
 mod simulate;
 mod spacing;
 mod stage;
+mod startup;
 mod step;
 mod subscribe;
 mod time;

@@ -11,7 +11,7 @@ use crate::discovery::{Discovery, LOOK, open_subscribers, others};
 use crate::drain::stood_still;
 use crate::first_time::FirstTime;
 use crate::play::Player;
-use crate::processes::Starting;
+use crate::startup::Startup;
 use crate::time::Time;
 use crate::watch::Watch;
 
@@ -35,16 +35,15 @@ pub(crate) fn settle(
     discovery: &Discovery<'_>,
     player: &mut Player<'_>,
     first_time: &mut FirstTime,
-    at_rest_below: Option<u32>,
+    startup: &mut Startup,
     watch: &mut Watch<'_>,
 ) -> Result<(), ReplayError> {
     let mut deadline = watch.now() + SETTLE;
     let node = discovery.node;
     let mut audit = node.audit(ASK);
     let mut inner = Inner::default();
-    let mut starting = Starting::below(at_rest_below);
-    let mut last = SystemState::default();
-    while watch.now() < deadline + starved(&starting, player) {
+    let starved_before = startup.starved();
+    while watch.now() < deadline + starved(startup.starved() - starved_before, player) {
         let state = discovery.look()?;
         if let Some(state) = &state {
             let name = node.name();
@@ -53,8 +52,7 @@ pub(crate) fn settle(
                 let connected = open_subscribers(publication);
                 others(registered, name).all(|node| connected.contains(node))
             });
-            let starts = !starting.is_over(*state != last);
-            if !starts
+            if startup.is_over(state)
                 && subscribed
                 && begun(state, &discovery.expected)
                 && discovery.has_every_publisher(state)
@@ -62,7 +60,6 @@ pub(crate) fn settle(
             {
                 return Ok(());
             }
-            last = state.clone();
         }
         let before = watch.now();
         watch.sleep(LOOK)?;
@@ -73,8 +70,8 @@ pub(crate) fn settle(
 }
 
 /// By how much the wait is longer for a stack that gets no processor.
-fn starved(starting: &Starting, player: &Player<'_>) -> Duration {
-    if player.steps_time() { starting.starved().min(STARVED) } else { Duration::ZERO }
+fn starved(starved: Duration, player: &Player<'_>) -> Duration {
+    if player.steps_time() { starved.min(STARVED) } else { Duration::ZERO }
 }
 
 /// Whether each node that publishes one of these answers has subscribed to anything but the

@@ -11,12 +11,16 @@ use crate::first_time::FirstTime;
 use crate::names::resolved;
 use crate::play::Player;
 use crate::settle::settle;
+use crate::startup::Startup;
 use crate::watch::Watch;
 use crate::{ReplayError, ReplayRequest};
 
 /// The time between two looks at the master while subscribers are awaited.
 const DISCOVER: Duration = Duration::from_millis(100);
-/// With no topics named, the subscribers are complete once none came for this time.
+/// The same where the stack seems to be complete.
+const CONFIRM: Duration = Duration::from_millis(20);
+/// With no topics named, the subscribers are complete once none came for this time, if nothing says so
+/// before.
 const STABLE: Duration = Duration::from_millis(500);
 
 /// Waits until the stack is there.
@@ -34,13 +38,16 @@ pub(crate) fn wait_for_stack(
     let mut waiting = Waiting::new(player.required(), request.topics.is_empty(), begun);
     let mut next_look = begun;
     let mut first_time = FirstTime::new(request, begun);
+    let mut startup = Startup::below(request.start.at_rest_below);
     loop {
         watch.check()?;
         let now = watch.now();
         if now >= next_look {
-            next_look = now + DISCOVER;
             let state = discovery.look()?;
             first_time.show(state.as_ref(), player, watch)?;
+            let complete = |state| startup.is_complete(state, discovery.node);
+            waiting.complete = state.as_ref().is_some_and(complete);
+            next_look = now + if discovery.node.all_spin() { CONFIRM } else { DISCOVER };
         }
         let unanswered = discovery.unanswered();
         let mut absent = absent(player.publications(), request);
@@ -63,7 +70,17 @@ pub(crate) fn wait_for_stack(
         }
         watch.sleep_until(now + LOOK)?;
     }
-    settle(discovery, player, &mut first_time, request.start.at_rest_below, watch)?;
+    settle(discovery, player, &mut first_time, &mut startup, watch)?;
+    begin(discovery, player, request, watch)
+}
+
+/// Lets the play begin, after its delay.
+fn begin(
+    discovery: &Discovery<'_>,
+    player: &mut Player<'_>,
+    request: &ReplayRequest,
+    watch: &mut Watch<'_>,
+) -> Result<(), ReplayError> {
     // Whoever is there has this time before the next one, in each run.
     player.show_clock(watch)?;
     let begin = watch.now() + request.start.delay;
@@ -108,19 +125,23 @@ fn still_waiting(absent: &[String], request: &ReplayRequest) -> ReplayError {
 }
 
 /// The state of the wait.
-struct Waiting {
+pub(crate) struct Waiting {
     required: Vec<usize>,
     any: bool,
     links: usize,
     since: Instant,
+    /// Whether nobody was still to come at the last look.
+    pub(crate) complete: bool,
 }
 
 impl Waiting {
-    fn new(required: Vec<usize>, any: bool, now: Instant) -> Waiting {
-        Waiting { required, any, links: 0, since: now }
+    /// For these of the topics or, where `any` will do, until no more come to them.
+    pub(crate) fn new(required: Vec<usize>, any: bool, now: Instant) -> Waiting {
+        Waiting { required, any, links: 0, since: now, complete: false }
     }
 
-    fn is_over(
+    /// Whether nobody is waited for any more.
+    pub(crate) fn is_over(
         &mut self,
         topics: &[Arc<dyn Publication>],
         now: Instant,
@@ -133,7 +154,8 @@ impl Waiting {
         if links != self.links {
             (self.links, self.since) = (links, now);
         }
-        links > 0 && (now.duration_since(self.since) >= STABLE || now >= deadline)
+        let stable = self.complete || now.duration_since(self.since) >= STABLE;
+        links > 0 && (stable || now >= deadline)
     }
 
     /// The required topics that nobody subscribes to.

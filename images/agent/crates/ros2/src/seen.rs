@@ -27,6 +27,15 @@ fn is_of_command_line(name: &str) -> bool {
     name.rsplit('/').next().is_some_and(|own| own.starts_with("_ros2cli"))
 }
 
+/// Whether each node of the graph but `ourselves` counts.
+pub(crate) fn all_count(endpoints: &[Endpoint], nodes: &[GraphNode], ourselves: &str) -> bool {
+    let counts =
+        |node: &GraphNode| endpoints.iter().any(|one| !one.destroyed && one.node == node.name);
+    let mut others =
+        nodes.iter().filter(|node| node.name != ourselves && !is_of_command_line(&node.name));
+    others.all(counts) && namesakes(endpoints, nodes).is_empty()
+}
+
 /// Who publishes and subscribes, by the ledger and by the graph, which knows those that do not count.
 pub(crate) fn state(endpoints: &[Endpoint], nodes: &[GraphNode]) -> SystemState {
     let mut publishers: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
@@ -71,6 +80,17 @@ mod tests {
         let mut seen = names.map(str::to_owned).to_vec();
         seen.sort();
         assert_eq!((&subscribers["/in"], &publishers["/out"]), (&seen, &seen));
+    }
+
+    #[test]
+    fn who_has_no_endpoint_in_the_ledger_does_not_count() {
+        let count = |names: &[&str]| {
+            let nodes: Vec<GraphNode> =
+                names.iter().map(|name| node(name, "/in", "/out")).collect();
+            all_count(&[], &nodes, "/bagpipe_player")
+        };
+        assert!(count(&[]) && count(&["/bagpipe_player", "/_ros2cli_4711"]));
+        assert!(!count(&["/bagpipe_player", "/lane"]));
     }
 
     #[test]

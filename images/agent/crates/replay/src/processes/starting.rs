@@ -7,6 +7,7 @@ use std::collections::BTreeSet;
 use std::time::{Duration, Instant};
 
 use super::rest::{Look, WORKING};
+use super::threads::Waits;
 use super::{descendants, look};
 
 /// The time in which all must have rested.
@@ -53,6 +54,13 @@ impl Starting {
         self.rests
     }
 
+    /// Whether processes were seen at the last look, and none of their threads slept until a time, after
+    /// which it may go on with what it has begun.
+    pub(crate) fn sees_nobody_sleep(&self) -> bool {
+        let Some(last) = self.root.and(self.last.as_ref()) else { return false };
+        !last.threads.is_empty() && last.threads.values().all(|(_, waits)| *waits != Waits::Time)
+    }
+
     /// For how long in all somebody could have worked and had no processor, as far as was looked.
     pub(crate) fn starved(&self) -> Duration {
         self.starved
@@ -71,7 +79,7 @@ fn rested(before: &Look, now: &Look) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::processes::threads::{Demand, Waits};
+    use crate::processes::threads::Demand;
 
     #[test]
     fn a_process_that_works_or_is_new_is_still_starting() {
@@ -98,6 +106,23 @@ mod tests {
         assert!(!rested(&before, &starved));
         starved.threads.get_mut(&(8, 8)).unwrap().0.nanoseconds += 1_000_000;
         assert!(!rested(&before, &starved));
+    }
+
+    #[test]
+    fn somebody_sleeps_whose_thread_waits_for_a_time() {
+        let seen = |root, waits: &[Waits]| {
+            let mut starting = Starting::below(root);
+            let threads = waits.iter().zip(1..);
+            let threads = threads.map(|(waits, at)| ((at, at), (Demand::default(), *waits)));
+            starting.last = Some(Look { at: Duration::ZERO, threads: threads.collect() });
+            starting.sees_nobody_sleep()
+        };
+        assert!(seen(Some(7), &[Waits::Else, Waits::Bytes(3)]));
+        assert!(!seen(Some(7), &[Waits::Else, Waits::Time]));
+        // Where there is nothing to be seen nothing is known.
+        assert!(!seen(Some(7), &[]));
+        assert!(!seen(None, &[Waits::Else]));
+        assert!(!Starting::below(Some(7)).sees_nobody_sleep());
     }
 
     #[test]

@@ -1,16 +1,18 @@
 //! Before the first input: how long is waited for whom.
 
 use std::collections::BTreeMap;
-use std::time::Duration;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
 
-use bagpipe_graph::TopicInfo;
+use bagpipe_graph::{Publication, TopicInfo};
 
 use super::master::LonelyMaster;
+use super::scripted::{Scripted, link};
 use super::{ByHand, Rehearsal, ReplayRequest, graph_of, ms, request, window};
 use crate::discovery::Discovery;
 use crate::plan::Plan;
 use crate::play::Player;
-use crate::subscribe::wait_for_stack;
+use crate::subscribe::{Waiting, wait_for_stack};
 use crate::{ReplayError, Stage};
 
 /// Waits for a stack to which these topics are to be played, as the request is altered; how that
@@ -111,4 +113,33 @@ fn once_all_are_there_the_play_begins_after_its_delay() {
         ended.unwrap();
         assert_eq!(after, ms(2_000 + delay));
     }
+}
+
+/// When a wait for any subscribers is over whose only one was first seen after 100 ms, looked at every
+/// 10 ms from its beginning on, of which at the last look nobody was to come from `complete` on.
+fn over(complete: Duration) -> Duration {
+    let begun = Instant::now();
+    let topic = Scripted::new("/in", &[]);
+    let topics: [Arc<dyn Publication>; 1] = [topic.clone()];
+    let mut waiting = Waiting::new(vec![0], true, begun);
+    let mut passed = Duration::ZERO;
+    loop {
+        if passed == ms(100) {
+            topic.links_are(&[link(1, "/node", (0, 0))]);
+        }
+        waiting.complete = passed >= complete;
+        if waiting.is_over(&topics, begun + passed, begun + ms(10_000)) {
+            return passed;
+        }
+        passed += ms(10);
+    }
+}
+
+// Promise: nothing-before-everybody
+#[test]
+fn with_no_topics_named_it_is_over_once_nobody_is_to_come_or_none_came_for_half_a_second() {
+    assert_eq!(over(ms(20_000)), ms(600));
+    assert_eq!(over(ms(340)), ms(340));
+    // Somebody has to be there.
+    assert_eq!(over(ms(0)), ms(100));
 }

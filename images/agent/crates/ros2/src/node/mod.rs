@@ -20,7 +20,7 @@ use crate::audit::Reader;
 use crate::definition::otherwise_installed;
 use crate::error::failed;
 use crate::recording::{Inputs, Receiving};
-use crate::seen::namesakes;
+use crate::seen::{all_count, namesakes};
 use crate::stillness::Stillness;
 use crate::topic::{Means, Topic};
 use crate::{QosOverride, Ros2Options, qos};
@@ -42,6 +42,8 @@ pub(crate) struct Graph {
     stillness: Stillness,
     /// Whether what was published did once not come to us.
     lacked: AtomicBool,
+    /// Whether every node counted and did its work at the last look.
+    all_spin: AtomicBool,
 }
 
 impl Graph {
@@ -78,6 +80,7 @@ impl Graph {
             wanted: Mutex::default(),
             stillness: Stillness::default(),
             lacked: AtomicBool::new(false),
+            all_spin: AtomicBool::new(false),
         })
     }
 
@@ -133,6 +136,8 @@ impl Node for Graph {
         let handed: Vec<u64> = inputs.iter().map(|input| input.arrivals.handed()).collect();
         let Around { nodes, look, state } = self.look_around()?;
         self.must_be_alone(&nodes);
+        let all_count = all_count(&look.endpoints, &nodes, &self.name);
+        self.all_spin.store(look.all_spin && all_count, Ordering::Relaxed);
         let namesakes = namesakes(&look.endpoints, &nodes);
         for topic in self.topics().iter() {
             let name = &topic.info().topic;
@@ -154,6 +159,10 @@ impl Node for Graph {
 
     fn absent(&self) -> Vec<String> {
         self.inputs.lives.absent()
+    }
+
+    fn all_spin(&self) -> bool {
+        self.all_spin.load(Ordering::Relaxed)
     }
 
     fn begin(&self) -> Vec<String> {

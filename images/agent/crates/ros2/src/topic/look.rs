@@ -11,6 +11,8 @@ pub(super) type Owner = (ProcessId, String);
 pub(crate) struct Look {
     pub(crate) endpoints: Vec<Endpoint>,
     pub(super) running: BTreeSet<ProcessId>,
+    /// Whether each process that runs has taken or waited by now.
+    pub(crate) all_spin: bool,
     /// Endpoints that had been listed before.
     pub(super) listed: u32,
 }
@@ -18,9 +20,11 @@ pub(crate) struct Look {
 impl Look {
     pub(crate) fn at(ledger: &Ledger) -> Result<Look, LedgerError> {
         let listed = ledger.listed();
-        let running =
-            ledger.processes()?.iter().filter(|one| one.alive).map(|one| one.id).collect();
-        Ok(Look { endpoints: ledger.endpoints()?, running, listed })
+        let mut processes = ledger.processes()?;
+        processes.retain(|one| one.alive);
+        let all_spin = processes.iter().all(|one| one.spinners > 0);
+        let running = processes.iter().map(|one| one.id).collect();
+        Ok(Look { endpoints: ledger.endpoints()?, running, all_spin, listed })
     }
 
     /// The subscriptions that are there, by whose they are.

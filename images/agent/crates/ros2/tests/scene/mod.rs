@@ -218,7 +218,13 @@ impl Scene {
             clock_rate: CLOCK_RATE,
             // In place of the rest of all processes, of which other tests have some: a writer may
             // know of its reader a moment later than that of it.
-            start: StartWhen { delay: Duration::from_millis(200), ..StartWhen::default() },
+            start: match ask.at_rest {
+                true => {
+                    let at_rest_below = Some(std::process::id());
+                    StartWhen { at_rest_below, ..StartWhen::default() }
+                }
+                false => StartWhen { delay: Duration::from_millis(200), ..StartWhen::default() },
+            },
             pause: None,
             meter: Arc::default(),
         };
@@ -238,6 +244,8 @@ pub struct Ask<'a> {
     pub use_sim_time: bool,
     /// Nodes that have to be active.
     pub active: &'a [&'a str],
+    /// Whether it waits for the rest of this process' children in place of a moment.
+    pub at_rest: bool,
     /// How long to wait for the subscribers.
     pub deadline: Duration,
     /// How long the last answers may take.
@@ -253,6 +261,7 @@ pub const DEFAULT: Ask<'static> = Ask {
     record: &["/out.*"],
     use_sim_time: false,
     active: &[],
+    at_rest: false,
     deadline: LONG,
     drain: Duration::from_secs(10),
 };

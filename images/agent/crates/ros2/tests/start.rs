@@ -1,0 +1,107 @@
+//! When a play begins. A file of its own, with one test at a time: it looks at all processes below this one.
+#![allow(clippy::unwrap_used)]
+
+mod scene;
+#[path = "../../ros2player/tests/standin/mod.rs"]
+mod standin;
+
+use std::collections::BTreeMap;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+
+use bagpipe_graph::{Incoming, Middleware as _, Node, NodeOptions, PacedBy, Sink};
+use scene::{Ask, RELAY, Scene, recording};
+use standin::{LONG, built, eventually};
+
+fn alone() -> MutexGuard<'static, ()> {
+    static ONE: Mutex<()> = Mutex::new(());
+    ONE.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Our node in a scene, which takes nothing in.
+fn joined(scene: &Scene) -> Box<dyn Node> {
+    struct Nobody;
+    impl Sink for Nobody {
+        fn message(&mut self, _: Incoming<'_>) {}
+        fn too_large(&mut self, _: &str, _: u64) {}
+    }
+    let options = NodeOptions {
+        name: "/bagpipe_player_0_0".to_owned(),
+        call_deadline: LONG,
+        stall: LONG,
+        max_message: 1 << 20,
+        paced_by: PacedBy::Subscribers,
+    };
+    scene.middleware().join(options, Box::new(Nobody)).unwrap()
+}
+
+/// Whether all spin by now.
+fn all_spin(node: &dyn Node) -> bool {
+    node.look().unwrap();
+    node.all_spin()
+}
+
+#[test]
+fn all_spin_once_each_node_counts_and_has_begun_to_take() {
+    let _alone = alone();
+    let scene = Scene::new();
+    let _relay = scene.start("standin_node", &RELAY);
+    let node = joined(&scene);
+    eventually(|| all_spin(&*node));
+    let late = ["--name", "/late", "--sub", "/other:sensor_msgs/msg/Imu:10:reliable"];
+    let late = [&late[..], &["--spins-late-us", "600000000"]].concat();
+    let sleeps = scene.start("standin_node", &late);
+    scene.await_subscriptions(2);
+    assert!(!all_spin(&*node));
+    drop(sleeps);
+    // The graph shows a killed node for a while, and its process is known not to run.
+    eventually(|| all_spin(&*node));
+    let foreign = ["--name", "/foreign", "--sub", "/other:sensor_msgs/msg/Imu:10:reliable"];
+    let _foreign = scene.start_uncounted("standin_node", &foreign);
+    eventually(|| !all_spin(&*node));
+}
+
+/// What is waited for where nothing shows that nobody else comes.
+const STABLE: f64 = 0.5;
+
+// Promise: nothing-before-everybody
+#[test]
+fn a_stack_that_spins_is_played_to_before_half_a_second_has_passed() {
+    let _alone = alone();
+    let until = Instant::now() + LONG;
+    let waits = || {
+        let scene = Scene::new();
+        let _relay = scene.start("standin_node", &RELAY);
+        scene.await_subscriptions(1);
+        let ask = Ask { at_rest: true, ..Ask::default() };
+        let replayed = scene.play(&recording(&["/in"], 20, 100), &ask).unwrap();
+        assert_eq!((replayed.ledger.sent, replayed.ledger.received), (20, 20));
+        replayed.timings.subscribe
+    };
+    // However slow the machine is most of the time: by the clock alone it is never less.
+    while waits() >= STABLE {
+        assert!(Instant::now() < until);
+    }
+}
+
+// Promise: nothing-before-everybody
+#[test]
+fn who_sleeps_before_it_starts_misses_nothing() {
+    let _alone = alone();
+    let scene = Scene::new();
+    let _relay = scene.start("standin_node", &RELAY);
+    let program = built().join("standin_node");
+    let late = [
+        ["-c", "sleep 0.3; exec \"$0\" \"$@\"", program.to_str().unwrap()],
+        ["--name", "/late", "--sub"],
+    ];
+    let late = [late.as_flattened(), &["/in:sensor_msgs/msg/Imu:10:reliable"]].concat();
+    scene.await_subscriptions(1);
+    let _late = scene.start("/bin/sh", &late);
+    let ask = Ask { at_rest: true, ..Ask::default() };
+    let replayed = scene.play(&recording(&["/in"], 20, 100), &ask).unwrap();
+    let lines = &replayed.ledger.topics[0].subscribers;
+    let received: BTreeMap<&str, u64> =
+        lines.iter().map(|line| (line.node.as_str(), line.received)).collect();
+    assert_eq!(received, BTreeMap::from([("/relay", 20), ("/late", 20)]));
+}
