@@ -5,7 +5,7 @@ import gc
 import logging
 import os
 import sys
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
 from functools import partial
 from typing import Any
@@ -39,6 +39,7 @@ from bagpipe_operator.notify.deliveries import deliveries
 from bagpipe_operator.receivers import Receivers
 from bagpipe_operator.runtime import log, serve
 from bagpipe_operator.runtime.census import Census
+from bagpipe_operator.runtime.clock import utc_now
 from bagpipe_operator.runtime.queue import WorkQueue
 from bagpipe_operator.runtime.work import work
 from bagpipe_operator.schedules.fenced import FencedScheduleApi
@@ -94,16 +95,15 @@ async def run(settings: Settings) -> None:
         courier = await stack.enter_async_context(
             deliveries(settings, metrics.registry, fence.leads, queue.add, uses_proxy(os.environ))
         )
+        monotonic = asyncio.get_running_loop().time
+        queueing = Queueing(fenced, workloads, settings, utc_now, monotonic)
         reconciler = Reconciler(
-            fenced, view, drivers, settings, counted=metrics.job_written,
-            paced=metrics.status_paced, announcer=Announcer(Receivers(settings.receivers), courier),
-            offers=DriverOffers(session, settings.progress_seconds),
+            fenced, view, drivers, settings, utc_now, monotonic, metrics.job_written,
+            metrics.status_paced, queueing if settings.kueue else None,
+            DriverOffers(session, settings.progress_seconds),
+            Announcer(Receivers(settings.receivers), courier),
         )  # fmt: skip
         metrics.progress_wait.set_function(reconciler.progress_wait)
-        if settings.kueue:
-            reconciler.queueing = Queueing(
-                fenced, workloads, settings, reconciler.now, reconciler.monotonic
-            )
         schedules = ScheduleLoop(FencedScheduleApi(api, fence), metrics, fence.leads)
 
         def take_up() -> None:
@@ -111,34 +111,31 @@ async def run(settings: Settings) -> None:
             sweeper.sweep_all()
             schedules.sweep_all()
 
-        election = Election(
-            api,
-            fence,
-            Terms(new_identity(), settings.lease_seconds),
-            settings.lease_namespace,
-            settings.lease_name,
-            on_lead=take_up,
-        )
+        terms, where = Terms(new_identity(), settings.lease_seconds), settings.lease_namespace
+        election = Election(api, fence, terms, where, settings.lease_name, on_lead=take_up)
         health = serve.Health(sweeper, lease_trouble=election.trouble)
         answers = serve.answers(health, metrics)
         runner = await serve.start(answers, settings.listen_host, settings.listen_port)
         stack.push_async_callback(runner.cleanup)
         await wait_until_watchable(api, settings)
         namespaces = settings.watch_namespaces or (None,)
-        census = Census(view, queue, api.job_uids, namespaces)
-        second = schedules.census(api.schedule_uids, namespaces)
-        inquiry = Inquiry(
-            drivers, settings.sweep_seconds, view.namespace_of, queue.add, fence.leads
-        )
-        loops = (sweeper, election, census, second, inquiry)
-        tasks = [asyncio.create_task(each.run()) for each in loops]
         at_work = partial(
             work, reconcile=reconciler.reconcile, metrics=metrics, leads=fence.leads,
             called=view.called,
         )  # fmt: skip
-        workers = [at_work(queue, passed_on=large.take) for _ in range(settings.workers)]
-        tasks += [asyncio.create_task(each) for each in (*workers, at_work(large.queue))]
-        tasks += [*schedules.start(), *courier.tasks()]
+        inquiry = Inquiry(
+            drivers, settings.sweep_seconds, view.namespace_of, queue.add, fence.leads
+        )
+        running = (
+            sweeper.run(),
+            election.run(),
+            Census(view, queue, api.job_uids, namespaces).run(),
+            schedules.census(api.schedule_uids, namespaces).run(),
+            inquiry.run(),
+            *(at_work(queue, passed_on=large.take) for _ in range(settings.workers)),
+            at_work(large.queue),
+        )
+        tasks = [*map(asyncio.create_task, running), *schedules.start(), *courier.tasks()]
         health.watching = True
         logger.info("watching %s", ", ".join(settings.watch_namespaces) or "all namespaces")
         try:
@@ -147,10 +144,14 @@ async def run(settings: Settings) -> None:
                 register_workloads(handlers, WorkloadWatch(workloads, queue, metrics))
             await _watch(schedules.register(handlers), settings)
         finally:
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
+            await _end(tasks)
             await election.release()  # only now: what was under way has ended
+
+
+async def _end(tasks: Sequence[asyncio.Task[None]]) -> None:
+    for task in tasks:
+        task.cancel()
+    await asyncio.gather(*tasks, return_exceptions=True)
 
 
 async def _watch(handlers: kopf.OperatorRegistry, settings: Settings) -> None:

@@ -95,7 +95,7 @@ async def test_a_status_that_somebody_else_writes_again_and_again_adds_no_series
     """Its words would be labels, and each of them would stay in the operator's memory."""
     world, series = World(), list[int]()
     metrics = JobMetrics(world.view, WorkQueue())
-    world.reconciler.counted = metrics.job_written
+    world.restart(counted=metrics.job_written)
     await world.reconcile()
     for number in range(20):
         # Between the operator's look and its write, which is refused: it may be the operator's own.

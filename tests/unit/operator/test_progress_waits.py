@@ -2,6 +2,7 @@
 
 from contextlib import ExitStack
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -11,9 +12,10 @@ from tests.unit.operator.builders import account, make_driver, make_executor
 from tests.unit.operator.world import UID, World
 
 
-async def running(settings: Settings | None = None) -> World:
+async def running(settings: Settings | None = None, **fields: Any) -> World:
     """A job whose first cases run, as its status says."""
     world = World(settings=settings)
+    world.restart(**fields)
     await world.reconcile()
     world.deliver(make_driver("x").running(), make_executor("x").running())
     world.drivers.says = passed(1)
@@ -47,9 +49,9 @@ async def visits(world: World, seconds: int) -> list[int]:
 
 # Promise: progress-waits-30-s
 async def test_counts_wait_for_thirty_seconds_and_are_then_those_of_now() -> None:
-    world = await running()
     decided: list[str] = []
-    world.reconciler.paced = decided.append
+    world = await running(paced=decided.append)
+    decided.clear()
     assert await visits(world, 28) == [1] * 14
     assert decided == ["put_off"] * 14
     assert await visits(world, 30) == [2] * 15

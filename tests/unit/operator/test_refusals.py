@@ -118,7 +118,7 @@ async def test_a_job_that_waits_for_quota_may_be_edited_and_the_release_upgraded
     assert world.reason("Accepted") == "False/QuotaExceeded"
     job = world.api.objects["jobs", "x"]
     if what == "the release":
-        world.reconciler.settings = replace(world.reconciler.settings, spark_image="r/spark:2")
+        world.restart(settings=replace(world.settings, spark_image="r/spark:2"))
     elif what == "a label":
         job["metadata"].setdefault("labels", {})["commit"] = "8f3c1d2"
     else:

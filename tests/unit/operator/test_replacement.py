@@ -57,7 +57,7 @@ async def test_the_next_driver_is_not_given_the_message_of_the_one_before() -> N
     world = World()
     await world.reconcile()
     async with driver(handler) as reader:
-        world.reconciler.drivers = reader
+        world.restart(drivers=reader)
         world.deliver(make_driver("x").running("127.0.0.1"), make_executor("x").running())
         await world.reconcile(after=2)
         assert world.reason("Running") == "True/CasesRunning"

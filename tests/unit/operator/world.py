@@ -1,5 +1,7 @@
 """A job, an operator and a watch that delivers when the test says so, over the fakes."""
 
+from typing import Any
+
 from bagpipe_operator.api.objects import Json
 from bagpipe_operator.jobs.reconcile import Reconciler
 from bagpipe_operator.jobs.view import JobView, View
@@ -23,10 +25,14 @@ class World:
         self.deliver_job()
         self.reconciler = self.restarted(self.view)
 
-    def restarted(self, view: View) -> Reconciler:
-        return Reconciler(
-            self.api, view, self.drivers, self.settings, self.clock.now, self.clock.monotonic
-        )
+    def restarted(self, view: View, **fields: Any) -> Reconciler:
+        parts: dict[str, Any] = {"drivers": self.drivers, "settings": self.settings} | fields
+        clock = self.clock
+        return Reconciler(self.api, view, now=clock.now, monotonic=clock.monotonic, **parts)
+
+    def restart(self, **fields: Any) -> None:
+        """The operator is another one, which sees the same."""
+        self.reconciler = self.restarted(self.view, **fields)
 
     def forget_everything(self) -> None:
         """The operator is restarted, and its watch has delivered only the job so far."""

@@ -122,7 +122,7 @@ async def test_a_late_end_of_a_namesake_does_not_end_a_healthy_driver(
     path = core(namespace, "pods", "x-1-driver")
     async with as_operator(installation) as api:
         first = Behind(api, unwritten)
-        await first.reconciler._start(JobView.from_object(unwritten), 1)
+        await first.reconciler._starts.start(JobView.from_object(unwritten), 1)
         past = [admin.get(path)]
         kubelet.bind(namespace, "x-1-driver")
         admin.delete(path)

@@ -7,11 +7,13 @@ It writes the conditions as a real one (kueue.x-k8s.io/v1beta2) was seen to writ
 
 import copy
 from dataclasses import dataclass
+from typing import Any
 
 from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import ApiError
 from bagpipe_operator.jobs.kueue.queueing import Queueing
 from bagpipe_operator.jobs.kueue.workload_view import Workloads, WorkloadView
+from bagpipe_operator.jobs.reconcile import Reconciler
 from bagpipe_operator.jobs.view import View
 from bagpipe_operator.settings import Settings
 from tests.unit.operator.builders import JobBuilder, make_job
@@ -89,14 +91,13 @@ class QueueWorld(World):
         self.api = FakeKueueApi(objects=self.api.objects)
         self.reconciler = self.restarted(self.view)
 
-    def restarted(self, view: View):  # type: ignore[no-untyped-def]
-        reconciler = super().restarted(view)
-        if isinstance(self.api, FakeKueueApi):
+    def restarted(self, view: View, **fields: Any) -> Reconciler:
+        if isinstance(self.api, FakeKueueApi) and "queueing" not in fields:
             self.workloads = Workloads()
-            reconciler.queueing = Queueing(
+            fields["queueing"] = Queueing(
                 self.api, self.workloads, self.settings, self.clock.now, self.clock.monotonic
             )
-        return reconciler
+        return super().restarted(view, **fields)
 
     @property
     def name(self) -> str:

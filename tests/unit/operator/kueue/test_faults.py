@@ -178,7 +178,7 @@ async def test_a_flavor_that_can_t_be_read_is_reported_and_asked_for_again() -> 
 
 async def test_a_job_that_waits_no_more_since_kueue_is_off_was_admitted_by_nobody() -> None:
     world = await queued()
-    world.reconciler.queueing = None
+    world.restart(queueing=None)
     await world.reconcile()
     await world.reconcile()
 

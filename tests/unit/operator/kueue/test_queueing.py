@@ -422,7 +422,7 @@ async def test_an_answer_that_is_lost_harms_nothing() -> None:
 
 async def test_without_the_setting_a_queue_is_a_label() -> None:
     world = await queued()
-    world.reconciler.queueing = None
+    world.restart(queueing=None)
     world.clock.advance(60)
     await world.reconcile()
     await world.reconcile()

@@ -65,7 +65,7 @@ class Office:
         ]
         for line in self.lines:
             self.courier.add(line)
-        self.world.reconciler.announcer = Announcer(Receivers(self.receivers), self.courier)
+        self.world.restart(announcer=Announcer(Receivers(self.receivers), self.courier))
 
     async def end(self, **says: Any) -> None:
         """The job ends, as its driver says."""
@@ -183,12 +183,11 @@ async def test_a_restart_with_a_thousand_ended_jobs_sends_nothing_again() -> Non
         view.put_job(JobView.from_object(job))
     world = World()
     world.api, world.drivers, world.clock = api, FakeDrivers(), clock
-    reconciler = world.restarted(view)
     courier = Courier()
     metrics = NotificationMetrics(["team"], CollectorRegistry())
     line = Line("team", Counting(), metrics, courier.ended, monotonic=clock.monotonic)
     courier.add(line)
-    reconciler.announcer = Announcer(Receivers([TEAM]), courier)
+    reconciler = world.restarted(view, announcer=Announcer(Receivers([TEAM]), courier))
     for _ in range(2):
         for number in range(1000):
             await reconciler.reconcile(f"u{number}")

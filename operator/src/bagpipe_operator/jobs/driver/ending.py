@@ -55,6 +55,11 @@ def ending_of(driver: PodView, now: datetime) -> Ending | None:
     return _of_exit(driver, container, code)
 
 
+def refused(reason: str, error: Exception) -> Ending:
+    """The end of a job that can't be begun."""
+    return Ending(False, reason, str(error))
+
+
 def has_ended(progress: Progress | None) -> Ending | None:
     """The end of a job whose driver waits for another one, as that one's account says."""
     if progress is None or not progress.ended or progress.phase != "Complete":

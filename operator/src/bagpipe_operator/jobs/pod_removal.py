@@ -1,0 +1,55 @@
+"""Deletes the pods that a job has no use for any more."""
+
+from collections.abc import Callable
+from datetime import datetime
+
+from bagpipe_operator.api import names
+from bagpipe_operator.cluster.client import Api
+from bagpipe_operator.jobs.policies.places import living, needs_stop
+from bagpipe_operator.jobs.view import JobView, PodView, View
+
+
+class PodRemoval:
+    """One per operator; every method raises ApiError."""
+
+    def __init__(self, api: Api, view: View, now: Callable[[], datetime]) -> None:
+        self._api = api
+        self._view = view
+        self._now = now
+
+    async def delete(self, pod: PodView) -> None:
+        """Deletes a pod; if it went while the watch was being restarted, no event reports it."""
+        if not await self._api.delete_pod(pod.namespace, pod.name, pod.uid):
+            self._view.drop_pod(pod)
+
+    async def of_earlier_attempts(self, job: JobView) -> None:
+        """Deletes the executors of drivers that were replaced: their places are needed."""
+        attempt = int(job.status.get("attempt") or 1)
+        for pod in self._view.pods(job.uid):
+            if pod.attempt < attempt and not pod.ended and not pod.deleting:
+                await self.delete(pod)
+
+    def left_of(self, job: JobView) -> list[PodView]:
+        """The pods of an ended job that have not ended themselves."""
+        return [pod for pod in self._view.pods(job.uid) if not pod.ended and not pod.deleting]
+
+    async def of_leftovers(self, left: list[PodView]) -> None:
+        """Deletes what is left of an ended job.
+
+        The driver first: it owns the executors and would replace them. Pods that have ended stay
+        for their logs until the job is deleted.
+        """
+        for pod in sorted(left, key=lambda pod: pod.role != names.ROLE_DRIVER):
+            if needs_stop(pod, self._now()):
+                await self.delete(pod)
+
+    async def gracefully(self, job: JobView) -> bool:
+        """Deletes the driver, which journals what is done; then what it has left of executors.
+        Whether none of them lives any more."""
+        alive = living(self._view.pods(job.uid), self._now())
+        working = [pod for pod in alive if needs_stop(pod, self._now())]
+        drivers = [pod for pod in working if pod.role == names.ROLE_DRIVER]
+        for pod in drivers or working:
+            if not pod.deleting:
+                await self.delete(pod)
+        return not alive
