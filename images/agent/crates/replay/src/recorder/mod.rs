@@ -1,6 +1,10 @@
 //! The recorder: what the stack publishes goes, stamped with bag time, into a bag in memory.
 
-use std::collections::{BTreeMap, BTreeSet, HashMap, VecDeque};
+mod in_force;
+#[cfg(test)]
+mod tests;
+
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::fs::File;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -11,6 +15,7 @@ use bagpipe_log::{
     Connection, MessageEncoding, RecordingError, RecordingFormat, RecordingWriter, SchemaEncoding,
 };
 
+use self::in_force::InForce;
 use crate::ReplayError;
 use crate::answers::Answers;
 use crate::clock::BagClock;
@@ -56,13 +61,7 @@ struct State {
     unrecorded: BTreeSet<String>,
     /// Whether the counted part has begun; before it only latched messages are kept.
     counting: bool,
-    /// By topic and publisher, what of their messages is in force, and its bytes in all.
-    latched: BTreeMap<(String, String), VecDeque<Latched>>,
-    latched_bytes: u64,
-    /// Connections whose publishers latch, although their introductions have it otherwise.
-    latching: BTreeSet<u64>,
-    /// The last message from before the counting of each connection that may latch.
-    unlatched: Unlatched,
+    in_force: InForce,
     /// Connections of the bag by topic, publisher and md5sum.
     connections: HashMap<(String, String, String), u32>,
     /// Connections of the bag by the graph's connection.
@@ -71,33 +70,6 @@ struct State {
     bytes: u64,
     failure: Option<Failure>,
     broken: Option<String>,
-}
-
-/// A message that is latched, and whose.
-type Latched = (Connection, Vec<u8>);
-
-/// By connection; `None` for one whose last message had no room.
-#[derive(Default)]
-struct Unlatched {
-    last: BTreeMap<u64, Option<Latched>>,
-    bytes: u64,
-}
-
-impl Unlatched {
-    /// Keeps a message in the place of the last one, while all are no larger than `room` bytes.
-    fn keep(&mut self, link: u64, connection: Connection, data: &[u8], room: u64) {
-        self.take(link);
-        let length = data.len() as u64;
-        let fits = self.bytes + length <= room;
-        self.bytes += if fits { length } else { 0 };
-        self.last.insert(link, fits.then(|| (connection, data.to_vec())));
-    }
-
-    fn take(&mut self, link: u64) -> Option<Option<Latched>> {
-        let last = self.last.remove(&link)?;
-        self.bytes -= last.as_ref().map_or(0, |(_, data)| data.len() as u64);
-        Some(last)
-    }
 }
 
 #[derive(Clone)]
@@ -142,10 +114,7 @@ impl Recorder {
             publishers: HashMap::new(),
             unrecorded: BTreeSet::new(),
             counting: false,
-            latched: BTreeMap::new(),
-            latched_bytes: 0,
-            latching: BTreeSet::new(),
-            unlatched: Unlatched::default(),
+            in_force: InForce::within(byte_budget, ordered),
             connections: HashMap::new(),
             links: HashMap::new(),
             topics: BTreeMap::new(),
@@ -169,24 +138,15 @@ impl Recorder {
     /// That these connections' publishers latch after all, with what each sent last.
     pub(crate) fn latch_after_all(&self, links: &BTreeSet<u64>) {
         let mut state = self.state();
-        state.latching.extend(links);
-        for &link in links {
-            match state.unlatched.take(link) {
-                None => {}
-                Some(None) => state.failure = Some(self.too_much_latched()),
-                Some(Some((connection, data))) => {
-                    let connection = Connection { latching: true, ..connection };
-                    self.latch(&mut state, connection, data);
-                }
-            }
+        if let Err(failure) = state.in_force.latch_after_all(links) {
+            state.failure = Some(failure);
         }
     }
 
     /// Begins to count: what latching publishers have in force is written at `start`.
     pub(crate) fn count_from(&self, start: u64) {
         let mut state = self.state();
-        state.unlatched = Unlatched::default();
-        for (connection, data) in std::mem::take(&mut state.latched).into_values().flatten() {
+        for (connection, data) in state.in_force.release() {
             let topic = connection.topic.clone();
             if let Some(hold) = &mut state.hold {
                 hold.push(Arc::new(connection), &data);
@@ -281,12 +241,8 @@ impl Recorder {
             return;
         }
         if !state.counting {
-            if state.latches(incoming) {
-                let connection = state.connection_of(incoming);
-                self.latch(&mut state, connection, incoming.data.to_vec());
-            } else if incoming.publisher.may_latch {
-                let (connection, room) = (connection_of(incoming), self.shared.byte_budget);
-                state.unlatched.keep(incoming.link, connection, incoming.data, room);
+            if let Err(failure) = state.in_force.take(incoming) {
+                state.failure = Some(failure);
             }
             return;
         }
@@ -304,31 +260,6 @@ impl Recorder {
         };
         let now = self.shared.clock.now();
         self.write(&mut state, id, incoming.topic, now, incoming.data);
-    }
-
-    /// Keeps what will be in force when the counted part begins.
-    fn latch(&self, state: &mut State, mut connection: Connection, data: Vec<u8>) {
-        let most = connection.in_force().max(1) as usize;
-        let caller = connection.caller_id.clone().unwrap_or_default();
-        if state.hold.is_some() {
-            connection.caller_id = connection.caller_id.as_deref().map(settled_name);
-        }
-        let messages = state.latched.entry((connection.topic.clone(), caller)).or_default();
-        state.latched_bytes += data.len() as u64;
-        messages.push_back((connection, data));
-        while messages.len() > most {
-            state.latched_bytes -= messages.pop_front().map_or(0, |(_, data)| data.len() as u64);
-        }
-        if state.latched_bytes > self.shared.byte_budget {
-            state.failure = Some(self.too_much_latched());
-        }
-    }
-
-    fn too_much_latched(&self) -> Failure {
-        Failure::Budget(format!(
-            "what is latched before the play is larger than the recording may be, {} bytes",
-            self.shared.byte_budget
-        ))
     }
 
     fn hold(&self, state: &mut State, incoming: &Incoming<'_>) {
@@ -384,11 +315,7 @@ impl Recorder {
 impl State {
     /// Who sent it, as the recording has it.
     fn connection_of(&self, incoming: &Incoming<'_>) -> Connection {
-        Connection { latching: self.latches(incoming), ..connection_of(incoming) }
-    }
-
-    fn latches(&self, incoming: &Incoming<'_>) -> bool {
-        incoming.publisher.latching || self.latching.contains(&incoming.link)
+        Connection { latching: self.in_force.latches(incoming), ..connection_of(incoming) }
     }
 
     /// The bag's connection for a publisher of a topic, which keeps it when it reconnects; `None`
@@ -448,119 +375,5 @@ pub(crate) fn connection_of(incoming: &Incoming<'_>) -> Connection {
         message_encoding: MessageEncoding::from_name(publisher.message_encoding),
         schema_encoding: SchemaEncoding::from_name(publisher.schema_encoding),
         offered_qos: publisher.offered_qos.clone(),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use bagpipe_graph::Publisher;
-    use bagpipe_rosbag::{Bag, Compression, MemoryChunkedFile, WriterOptions};
-
-    use super::*;
-    use crate::time::Time;
-
-    fn recorder(bytes: u64) -> Recorder {
-        let options = WriterOptions::with_compression(Compression::Lz4);
-        let room = Room { bytes, format: Arc::new(options), file: None };
-        Recorder::new(
-            Arc::new(BagClock::new(Time::Machine, 0, u64::MAX)),
-            room,
-            Arc::default(),
-            true,
-        )
-    }
-
-    fn connection() -> Arc<Connection> {
-        Arc::new(Connection {
-            topic: "/out".to_owned(),
-            datatype: "std_msgs/String".to_owned(),
-            md5sum: "992ce8a1687cec8c8bd883ec73ca41d1".to_owned(),
-            definition: "string data\n".into(),
-            ..Connection::default()
-        })
-    }
-
-    // Promise: recording-over-budget
-    #[test]
-    fn a_last_step_that_does_not_fit_is_an_error_and_never_a_shorter_recording() {
-        let recorder = recorder(2_000);
-        recorder.count_from(0);
-        // They fit while they are held: a bag needs room for more than its messages' bytes.
-        for _ in 0..3 {
-            recorder.keep(&connection(), &[7; 600]);
-        }
-        assert!(recorder.failure().is_none());
-        let error = recorder.finish().unwrap_err();
-        assert_eq!(error.reason(), "RecorderBudgetExceeded");
-        assert!(error.to_string().contains("2000"), "{error}");
-    }
-
-    fn send(recorder: &mut Recorder, link: u64, data: &[u8]) {
-        let node = Some(format!("/n{link}"));
-        let publisher = Publisher { node, may_latch: true, ..Publisher::default() };
-        recorder.message(Incoming { topic: "/out", publisher: &publisher, link, data });
-    }
-
-    #[test]
-    fn of_who_latches_after_all_the_last_message_is_in_force_and_of_who_does_not_none_is() {
-        let mut recorder = recorder(7_000);
-        for link in [1, 2] {
-            // Only the last one has to fit.
-            for byte in 0..4 {
-                send(&mut recorder, link, &[byte; 3_000]);
-            }
-        }
-        recorder.latch_after_all(&BTreeSet::from([2, 3]));
-        send(&mut recorder, 1, &[8; 10]);
-        send(&mut recorder, 2, &[9; 50]);
-        recorder.count_from(0);
-        let (recorded, bag) = recorder.finish().unwrap();
-        assert_eq!((recorded.messages, recorded.bytes), (1, 50));
-        let bag = Bag::open(MemoryChunkedFile::new(bag)).unwrap();
-        let timeline = bag.timeline(|_| true).unwrap();
-        let messages: Vec<_> = timeline.iter().map(|m| (m.time, m.data.to_vec())).collect();
-        assert_eq!(messages, [(0, vec![9; 50])]);
-        let connections = bag.connections().iter();
-        let named: Vec<_> = connections.map(|c| (c.caller_id.as_deref(), c.latching)).collect();
-        assert_eq!(named, [(Some("/n2"), true)]);
-    }
-
-    #[test]
-    fn what_had_no_room_is_an_error_only_once_its_publisher_is_known_to_latch() {
-        for (found, fails) in [(BTreeSet::new(), false), (BTreeSet::from([2]), true)] {
-            let mut recorder = recorder(2_000);
-            send(&mut recorder, 1, &[1; 1_500]);
-            send(&mut recorder, 2, &[2; 600]);
-            recorder.latch_after_all(&found);
-            assert_eq!(recorder.failure().is_some(), fails);
-        }
-    }
-
-    #[test]
-    fn what_comes_after_the_end_is_in_no_recording() {
-        let recorder = recorder(20_000);
-        recorder.count_from(0);
-        recorder.keep(&connection(), &[7; 600]);
-        let (recorded, bag) = recorder.finish().unwrap();
-        assert_eq!((recorded.messages, recorded.bytes), (1, 600));
-        assert!(bag.len() > 13);
-        recorder.keep(&connection(), &[7; 600]);
-        recorder.end_step();
-        let figures = recorder.figures();
-        assert_eq!((figures.messages, figures.bytes), (1, 600));
-        let again = recorder.finish().unwrap_err().to_string();
-        assert!(again.contains("finished before"), "{again}");
-    }
-
-    #[test]
-    fn a_last_step_that_fits_is_recorded_whole() {
-        let recorder = recorder(20_000);
-        recorder.count_from(0);
-        for _ in 0..3 {
-            recorder.keep(&connection(), &[7; 600]);
-        }
-        let (recorded, bag) = recorder.finish().unwrap();
-        assert_eq!((recorded.messages, recorded.bytes), (3, 1_800));
-        assert!(!bag.is_empty());
     }
 }
