@@ -90,9 +90,9 @@ pub trait Node: Send + Sync {
         Vec::new()
     }
 
-    /// Whether it is known of every other node that it does its work, and no more prepares for it; by
-    /// the last [`Node::look`].
-    fn all_spin(&self) -> bool {
+    /// Whether it is known of every other node that it does its work, and no more prepares for it, by
+    /// the last [`Node::look`]; and of these processes that none is still to have one.
+    fn all_spin(&self, _processes: &BTreeSet<i32>) -> bool {
         false
     }
 

@@ -32,10 +32,12 @@ impl Startup {
         self.starting.rests(changed)
     }
 
-    /// Whether it is known that nobody is still to come: nobody works, nor sleeps until he goes on, and
+    /// Whether it is known that nobody is still to come: nobody works, nor sleeps until it goes on, and
     /// every node does its work.
     pub(crate) fn is_complete(&mut self, state: &SystemState, node: &dyn Node) -> bool {
-        self.rests(Some(state)) && self.starting.sees_nobody_sleep() && node.all_spin()
+        self.rests(Some(state))
+            && self.starting.sees_nobody_sleep()
+            && node.all_spin(&self.starting.leaves())
     }
 
     /// For how long in all somebody could have worked and had no processor.

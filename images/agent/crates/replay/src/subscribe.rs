@@ -17,7 +17,7 @@ use crate::{ReplayError, ReplayRequest};
 
 /// The time between two looks at the master while subscribers are awaited.
 const DISCOVER: Duration = Duration::from_millis(100);
-/// The same where the stack seems to be complete.
+/// The same once there are some, so that more have half a second at most.
 const CONFIRM: Duration = Duration::from_millis(20);
 /// With no topics named, the subscribers are complete once none came for this time, if nothing says so
 /// before.
@@ -47,7 +47,7 @@ pub(crate) fn wait_for_stack(
             first_time.show(state.as_ref(), player, watch)?;
             let complete = |state| startup.is_complete(state, discovery.node);
             waiting.complete = state.as_ref().is_some_and(complete);
-            next_look = now + if discovery.node.all_spin() { CONFIRM } else { DISCOVER };
+            next_look = now + if waiting.links > 0 { CONFIRM } else { DISCOVER };
         }
         let unanswered = discovery.unanswered();
         let mut absent = absent(player.publications(), request);

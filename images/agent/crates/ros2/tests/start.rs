@@ -5,7 +5,8 @@ mod scene;
 #[path = "../../ros2player/tests/standin/mod.rs"]
 mod standin;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
+use std::process::Command;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
@@ -38,7 +39,7 @@ fn joined(scene: &Scene) -> Box<dyn Node> {
 /// Whether all spin by now.
 fn all_spin(node: &dyn Node) -> bool {
     node.look().unwrap();
-    node.all_spin()
+    node.all_spin(&BTreeSet::new())
 }
 
 #[test]
@@ -59,6 +60,25 @@ fn all_spin_once_each_node_counts_and_has_begun_to_take() {
     let foreign = ["--name", "/foreign", "--sub", "/other:sensor_msgs/msg/Imu:10:reliable"];
     let _foreign = scene.start_uncounted("standin_node", &foreign);
     eventually(|| !all_spin(&*node));
+}
+
+#[test]
+fn not_all_spin_where_a_process_has_loaded_ros_2_and_has_no_node() {
+    let _alone = alone();
+    let scene = Scene::new();
+    let relay = scene.start("standin_node", &RELAY);
+    let node = joined(&scene);
+    eventually(|| all_spin(&*node));
+    let mut loads = Command::new("/bin/sleep");
+    loads.arg("600").envs(scene.graph.environment());
+    let mut loaded =
+        loads.env("LD_PRELOAD", built().join("librmw_implementation.so")).spawn().unwrap();
+    let with = |pid: u32| node.all_spin(&BTreeSet::from([i32::try_from(pid).unwrap()]));
+    eventually(|| !with(loaded.id()));
+    assert!(with(relay.pid()) && with(std::process::id()));
+    loaded.kill().unwrap();
+    loaded.wait().unwrap();
+    assert!(with(loaded.id()));
 }
 
 /// What is waited for where nothing shows that nobody else comes.

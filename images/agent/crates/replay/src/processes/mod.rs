@@ -19,7 +19,7 @@ pub(crate) use rest::Rest;
 pub(crate) use sockets::Sockets;
 pub(crate) use starting::Starting;
 pub use tree::descendants;
-pub(crate) use tree::{ProcessLine, below, processes};
+pub(crate) use tree::{ProcessLine, below, leaves, processes};
 pub(crate) use waiting::Waiting;
 
 /// The least time between the two looks that say what is usual, and the most, where

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use super::rest::{Look, WORKING};
 use super::threads::Waits;
-use super::{descendants, look};
+use super::{descendants, leaves, look};
 
 /// The time in which all must have rested.
 const QUIET: Duration = Duration::from_millis(100);
@@ -59,6 +59,11 @@ impl Starting {
     pub(crate) fn sees_nobody_sleep(&self) -> bool {
         let Some(last) = self.root.and(self.last.as_ref()) else { return false };
         !last.threads.is_empty() && last.threads.values().all(|(_, waits)| *waits != Waits::Time)
+    }
+
+    /// The processes that have started no other: what is still to come may come of these.
+    pub(crate) fn leaves(&self) -> BTreeSet<i32> {
+        self.root.map(leaves).unwrap_or_default()
     }
 
     /// For how long in all somebody could have worked and had no processor, as far as was looked.

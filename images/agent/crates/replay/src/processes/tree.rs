@@ -41,6 +41,16 @@ pub fn descendants(root: u32, spared: &BTreeSet<i32>) -> BTreeSet<i32> {
     below(&processes(), &[i32::try_from(root).unwrap_or(0)], spared)
 }
 
+/// Of the processes below `root` those that have started no other which is there.
+pub(crate) fn leaves(root: u32) -> BTreeSet<i32> {
+    let processes = processes();
+    let mut found = below(&processes, &[i32::try_from(root).unwrap_or(0)], &BTreeSet::new());
+    for line in processes.values() {
+        found.remove(&line.parent);
+    }
+    found
+}
+
 /// Of these processes those below `roots`, without `spared` and what is below those.
 pub(crate) fn below(
     processes: &BTreeMap<i32, ProcessLine>,
@@ -74,6 +84,25 @@ mod tests {
         let line = ProcessLine { parent: 3, ticks: 333, reaped: 777 };
         assert_eq!(process_line(stat), Some(line));
         assert_eq!(process_line("7 (a) S 3"), None);
+    }
+
+    #[test]
+    fn who_has_started_another_one_is_no_leaf() {
+        let mut shell = std::process::Command::new("sh");
+        let mut shell = shell.args(["-c", "sleep 600 & wait"]).spawn().unwrap();
+        let until = std::time::Instant::now() + std::time::Duration::from_secs(60);
+        while descendants(shell.id(), &BTreeSet::new()).is_empty() {
+            assert!(std::time::Instant::now() < until);
+            std::thread::yield_now();
+        }
+        let (ours, below) = (leaves(std::process::id()), leaves(shell.id()));
+        let pid = shell.id() as i32;
+        shell.kill().unwrap();
+        shell.wait().unwrap();
+        assert_eq!(below.len(), 1);
+        assert!(below.is_subset(&ours) && !ours.contains(&pid));
+        let one = below.first().unwrap().to_string();
+        std::process::Command::new("kill").arg(one).status().unwrap();
     }
 
     proptest! {

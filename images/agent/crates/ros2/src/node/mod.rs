@@ -161,8 +161,8 @@ impl Node for Graph {
         self.inputs.lives.absent()
     }
 
-    fn all_spin(&self) -> bool {
-        self.all_spin.load(Ordering::Relaxed)
+    fn all_spin(&self, processes: &BTreeSet<i32>) -> bool {
+        self.all_spin.load(Ordering::Relaxed) && processes.iter().all(|pid| self.is_there(*pid))
     }
 
     fn begin(&self) -> Vec<String> {

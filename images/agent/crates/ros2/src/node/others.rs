@@ -6,7 +6,7 @@ use std::sync::{Arc, PoisonError};
 use std::time::{Duration, Instant};
 
 use bagpipe_graph::{GraphError, Publication, SystemState};
-use bagpipe_ros2ledger::{Endpoint, Kind, Unlisted};
+use bagpipe_ros2ledger::{Endpoint, Kind, Strength, Unlisted};
 use bagpipe_ros2player::GraphNode;
 
 use super::Graph;
@@ -59,6 +59,14 @@ impl Graph {
             waited += counted(now - looked);
             looked = now;
         }
+    }
+
+    /// Whether a process is a node's that counts, ours, or none of a node; one that has loaded ROS 2 and has
+    /// no endpoint yet is to have some.
+    pub(super) fn is_there(&self, pid: i32) -> bool {
+        let Ok(pid) = u32::try_from(pid) else { return false };
+        let is_clear = |of: Option<Strength>| of.is_none_or(|of| of > Strength::Received);
+        pid == self.means.player.pid() || self.ledger().strength_of(pid).is_ok_and(is_clear)
     }
 
     /// The nodes that subscribe to a topic, and whose subscriptions the ledger does not have. By topic: a
