@@ -1,6 +1,6 @@
 //! The recorder: what the stack publishes goes, stamped with bag time, into a bag in memory.
 
-mod in_force;
+mod latched;
 #[cfg(test)]
 mod tests;
 
@@ -15,7 +15,7 @@ use bagpipe_log::{
     Connection, MessageEncoding, RecordingError, RecordingFormat, RecordingWriter, SchemaEncoding,
 };
 
-use self::in_force::InForce;
+use self::latched::LatchedState;
 use crate::ReplayError;
 use crate::answers::Answers;
 use crate::clock::BagClock;
@@ -61,7 +61,7 @@ struct State {
     unrecorded: BTreeSet<String>,
     /// Whether the counted part has begun; before it only latched messages are kept.
     counting: bool,
-    in_force: InForce,
+    latched: LatchedState,
     /// Connections of the bag by topic, publisher and md5sum.
     connections: HashMap<(String, String, String), u32>,
     /// Connections of the bag by the graph's connection.
@@ -114,7 +114,7 @@ impl Recorder {
             publishers: HashMap::new(),
             unrecorded: BTreeSet::new(),
             counting: false,
-            in_force: InForce::within(byte_budget, ordered),
+            latched: LatchedState::within(byte_budget, ordered),
             connections: HashMap::new(),
             links: HashMap::new(),
             topics: BTreeMap::new(),
@@ -138,7 +138,7 @@ impl Recorder {
     /// That these connections' publishers latch after all, with what each sent last.
     pub(crate) fn latch_after_all(&self, links: &BTreeSet<u64>) {
         let mut state = self.state();
-        if let Err(failure) = state.in_force.latch_after_all(links) {
+        if let Err(failure) = state.latched.latch_after_all(links) {
             state.failure = Some(failure);
         }
     }
@@ -146,7 +146,7 @@ impl Recorder {
     /// Begins to count: what latching publishers have in force is written at `start`.
     pub(crate) fn count_from(&self, start: u64) {
         let mut state = self.state();
-        for (connection, data) in state.in_force.release() {
+        for (connection, data) in state.latched.release() {
             let topic = connection.topic.clone();
             if let Some(hold) = &mut state.hold {
                 hold.push(Arc::new(connection), &data);
@@ -241,7 +241,7 @@ impl Recorder {
             return;
         }
         if !state.counting {
-            if let Err(failure) = state.in_force.take(incoming) {
+            if let Err(failure) = state.latched.take(incoming) {
                 state.failure = Some(failure);
             }
             return;
@@ -315,7 +315,7 @@ impl Recorder {
 impl State {
     /// Who sent it, as the recording has it.
     fn connection_of(&self, incoming: &Incoming<'_>) -> Connection {
-        Connection { latching: self.in_force.latches(incoming), ..connection_of(incoming) }
+        Connection { latching: self.latched.latches(incoming), ..connection_of(incoming) }
     }
 
     /// The bag's connection for a publisher of a topic, which keeps it when it reconnects; `None`

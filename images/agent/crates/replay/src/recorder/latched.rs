@@ -9,25 +9,25 @@ use super::{Failure, connection_of};
 use crate::ordered::settled_name;
 
 /// A message that is latched, and whose.
-type Latched = (Connection, Vec<u8>);
+type LatchedMessage = (Connection, Vec<u8>);
 
 /// What came before the counted part, as far as it may be in force then.
-pub(super) struct InForce {
+pub(super) struct LatchedState {
     /// The most bytes of either kind.
     room: u64,
     /// In lock-step publishers have names that are the same in every run.
     ordered: bool,
     /// By topic and publisher, what of their messages is in force, and its bytes in all.
-    latched: BTreeMap<(String, String), VecDeque<Latched>>,
+    latched: BTreeMap<(String, String), VecDeque<LatchedMessage>>,
     bytes: u64,
     /// Connections whose publishers latch, although their introductions have it otherwise.
     latching: BTreeSet<u64>,
     unlatched: Unlatched,
 }
 
-impl InForce {
-    pub(super) fn within(room: u64, ordered: bool) -> InForce {
-        InForce {
+impl LatchedState {
+    pub(super) fn within(room: u64, ordered: bool) -> LatchedState {
+        LatchedState {
             room,
             ordered,
             latched: BTreeMap::new(),
@@ -79,7 +79,7 @@ impl InForce {
     }
 
     /// All that is in force, by topic and publisher, which is kept here no more.
-    pub(super) fn release(&mut self) -> impl Iterator<Item = Latched> + use<> {
+    pub(super) fn release(&mut self) -> impl Iterator<Item = LatchedMessage> + use<> {
         self.unlatched = Unlatched::default();
         std::mem::take(&mut self.latched).into_values().flatten()
     }
@@ -110,7 +110,7 @@ impl InForce {
 /// The last message of each connection that may latch; `None` for one that had no room.
 #[derive(Default)]
 struct Unlatched {
-    last: BTreeMap<u64, Option<Latched>>,
+    last: BTreeMap<u64, Option<LatchedMessage>>,
     bytes: u64,
 }
 
@@ -124,7 +124,7 @@ impl Unlatched {
         self.last.insert(link, fits.then(|| (connection, data.to_vec())));
     }
 
-    fn take(&mut self, link: u64) -> Option<Option<Latched>> {
+    fn take(&mut self, link: u64) -> Option<Option<LatchedMessage>> {
         let last = self.last.remove(&link)?;
         self.bytes -= last.as_ref().map_or(0, |(_, data)| data.len() as u64);
         Some(last)
