@@ -6,7 +6,6 @@ mod scene;
 mod standin;
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::process::Command;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
@@ -47,6 +46,7 @@ fn all_spin_once_each_node_counts_and_has_begun_to_take() {
     let _alone = alone();
     let scene = Scene::new();
     let _relay = scene.start("standin_node", &RELAY);
+    scene.await_subscriptions(1);
     let node = joined(&scene);
     eventually(|| all_spin(&*node));
     let late = ["--name", "/late", "--sub", "/other:sensor_msgs/msg/Imu:10:reliable"];
@@ -67,18 +67,18 @@ fn not_all_spin_where_a_process_has_loaded_ros_2_and_has_no_node() {
     let _alone = alone();
     let scene = Scene::new();
     let relay = scene.start("standin_node", &RELAY);
+    scene.await_subscriptions(1);
     let node = joined(&scene);
     eventually(|| all_spin(&*node));
-    let mut loads = Command::new("/bin/sleep");
-    loads.arg("600").envs(scene.graph.environment());
-    let mut loaded =
-        loads.env("LD_PRELOAD", built().join("librmw_implementation.so")).spawn().unwrap();
+    let library = built().join("librmw_implementation.so");
+    let loads = ["-c", "LD_PRELOAD=\"$0\" exec sleep 600", library.to_str().unwrap()];
+    let loaded = scene.start_uncounted("/bin/sh", &loads);
     let with = |pid: u32| node.all_spin(&BTreeSet::from([i32::try_from(pid).unwrap()]));
-    eventually(|| !with(loaded.id()));
+    let pid = loaded.pid();
+    eventually(|| !with(pid));
     assert!(with(relay.pid()) && with(std::process::id()));
-    loaded.kill().unwrap();
-    loaded.wait().unwrap();
-    assert!(with(loaded.id()));
+    drop(loaded);
+    assert!(with(pid));
 }
 
 /// What is waited for where nothing shows that nobody else comes.
