@@ -4,15 +4,18 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use bagpipe_graph::{Audit, GraphError, Publication as _, Received};
-use bagpipe_ros2ledger::{Kind, Ledger};
+use bagpipe_ros2ledger::{Endpoint, Kind, Ledger};
 
+use crate::connections::{Connections, End};
 use crate::error::failed;
-use crate::topic::Topic;
+use crate::recording::Inputs;
+use crate::topic::{Look, Topic};
 
 /// Reads the ledger; nobody is asked, so nobody can keep us waiting.
 pub(crate) struct Reader {
     pub(crate) ledger: Arc<Ledger>,
     pub(crate) topics: Vec<Arc<Topic>>,
+    pub(crate) inputs: Arc<Inputs>,
 }
 
 impl Audit for Reader {
@@ -52,18 +55,12 @@ impl Audit for Reader {
     }
 
     fn subscribers(&mut self, node: &str) -> Result<BTreeSet<(String, String)>, GraphError> {
-        let endpoints = self.ledger.endpoints().map_err(failed)?;
-        let there = endpoints.iter().filter(|one| !one.destroyed);
-        let published: BTreeSet<&String> = there
-            .clone()
-            .filter(|one| one.kind == Kind::Publisher && one.node == node)
-            .map(|one| &one.topic)
-            .collect();
-        let connected = there.filter(|one| one.kind == Kind::Subscription && one.node != node);
-        // How many publishers a subscription knows is known, not which: one of them will do. A
-        // process that has not reported yet is waited for, as long as anything is before a play.
-        let connected = connected.filter(|one| one.matched.is_some_and(|known| known > 0));
-        let links = connected.filter(|one| published.contains(&one.topic));
-        Ok(links.map(|one| (one.topic.clone(), one.node.clone())).collect())
+        let look = Look::at(&self.ledger).map_err(failed)?;
+        let ours = |one: &Endpoint| match one.kind {
+            Kind::Publisher => usize::from(self.inputs.of(&one.topic).is_some()),
+            Kind::Subscription => self.topics.iter().filter(|topic| topic.plays_to(one)).count(),
+        };
+        let end = |one| End { endpoint: one, ours: ours(one), spins: look.spins(one) };
+        Ok(Connections(look.all_there().map(end).collect()).of(node))
     }
 }

@@ -19,6 +19,7 @@ mod account;
 mod acquaintance;
 mod audit;
 mod clock;
+mod connections;
 mod definition;
 mod error;
 mod life;

@@ -125,3 +125,24 @@ fn who_sleeps_before_it_starts_misses_nothing() {
         lines.iter().map(|line| (line.node.as_str(), line.received)).collect();
     assert_eq!(received, BTreeMap::from([("/relay", 20), ("/late", 20)]));
 }
+
+// Promise: nothing-before-everybody
+#[test]
+fn nothing_is_played_before_a_publisher_of_the_stack_knows_its_subscriber() {
+    let _alone = alone();
+    let scene = Scene::new();
+    let middle = "/mid:std_msgs/msg/String:5000:reliable";
+    let output = "/out:std_msgs/msg/String:5000:reliable";
+    let first = [
+        ["--name", "/first", "--sub", "/in:sensor_msgs/msg/Imu:5000:reliable"],
+        ["--pub", middle, "--relay", "/in=/mid"],
+    ];
+    let first = [first.as_flattened(), &["--meets-late-ms", "1200"]].concat();
+    let second = ["--name", "/second", "--sub", middle, "--pub", output, "--relay", "/mid=/out"];
+    let _second = scene.start("standin_node", &second);
+    let _first = scene.start("standin_node", &first);
+    scene.await_subscriptions(2);
+    let ask = Ask { at_rest: true, ..Ask::default() };
+    let replayed = scene.play(&recording(&["/in"], 20, 100), &ask).unwrap();
+    assert_eq!((replayed.ledger.received, replayed.recorded.messages), (20, 20));
+}

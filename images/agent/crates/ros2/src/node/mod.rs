@@ -137,7 +137,7 @@ impl Node for Graph {
         let Around { nodes, look, state } = self.look_around()?;
         self.must_be_alone(&nodes);
         let all_count = all_count(&look.endpoints, &nodes, &self.name);
-        self.all_spin.store(look.all_spin && all_count, Ordering::Relaxed);
+        self.all_spin.store(look.all_spin() && all_count, Ordering::Relaxed);
         let namesakes = namesakes(&look.endpoints, &nodes);
         for topic in self.topics().iter() {
             let name = &topic.info().topic;
@@ -257,6 +257,7 @@ impl Node for Graph {
 
     fn audit(&self, _: Duration) -> Box<dyn Audit> {
         let topics = self.topics().clone();
-        Box::new(Reader { ledger: Arc::clone(&self.means.ledger), topics })
+        let (ledger, inputs) = (Arc::clone(&self.means.ledger), Arc::clone(&self.inputs));
+        Box::new(Reader { ledger, topics, inputs })
     }
 }

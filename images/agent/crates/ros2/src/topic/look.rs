@@ -11,8 +11,8 @@ pub(super) type Owner = (ProcessId, String);
 pub(crate) struct Look {
     pub(crate) endpoints: Vec<Endpoint>,
     pub(super) running: BTreeSet<ProcessId>,
-    /// Whether each process that runs has taken or waited by now.
-    pub(crate) all_spin: bool,
+    /// Processes that run and have neither taken nor waited by now.
+    unspun: BTreeSet<ProcessId>,
     /// Endpoints that had been listed before.
     pub(super) listed: u32,
 }
@@ -22,9 +22,9 @@ impl Look {
         let listed = ledger.listed();
         let mut processes = ledger.processes()?;
         processes.retain(|one| one.alive);
-        let all_spin = processes.iter().all(|one| one.spinners > 0);
+        let unspun = processes.iter().filter(|one| one.spinners == 0).map(|one| one.id).collect();
         let running = processes.iter().map(|one| one.id).collect();
-        Ok(Look { endpoints: ledger.endpoints()?, running, all_spin, listed })
+        Ok(Look { endpoints: ledger.endpoints()?, running, unspun, listed })
     }
 
     /// The subscriptions that are there, by whose they are.
@@ -42,8 +42,22 @@ impl Look {
         kind: Kind,
         topic: &str,
     ) -> impl Iterator<Item = &'l Endpoint> {
-        let all = self.endpoints.iter().filter(move |one| one.kind == kind && one.topic == topic);
-        all.filter(|one| self.is_there(one))
+        self.all_there().filter(move |one| one.kind == kind && one.topic == topic)
+    }
+
+    /// Whether each process that runs has taken or waited by now.
+    pub(crate) fn all_spin(&self) -> bool {
+        self.unspun.is_empty()
+    }
+
+    /// Whether an endpoint's process does so: one that only publishes never reports whom it has matched.
+    pub(crate) fn spins(&self, endpoint: &Endpoint) -> bool {
+        !self.unspun.contains(&endpoint.process)
+    }
+
+    /// The endpoints that are there.
+    pub(crate) fn all_there(&self) -> impl Iterator<Item = &Endpoint> {
+        self.endpoints.iter().filter(|one| self.is_there(one))
     }
 
     /// Whether an endpoint may still publish or take, or give what was published.

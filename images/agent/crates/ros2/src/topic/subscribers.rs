@@ -124,6 +124,11 @@ impl Topic {
     }
 
     /// Whether a subscription may receive what is played.
+    pub(crate) fn plays_to(&self, subscription: &Endpoint) -> bool {
+        subscription.topic == self.info.topic && self.reaches(subscription)
+    }
+
+    /// Whether one of this topic can be given what is offered.
     fn reaches(&self, subscription: &Endpoint) -> bool {
         incompatible(&self.qos, &subscription.qos).is_none()
     }
