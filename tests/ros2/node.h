@@ -42,7 +42,7 @@ struct asked {
     enum work work;
   } relay[MOST];
   int relays, threads;
-  bool sim_time;
+  bool sim_time, overlaps;
   uint64_t delay_us, spins_late_us, first_us, die_after, drop_every, renew_every, apart_us, answers, burst, every_us,
       doze_every, answers_from;
   char counts[512];

@@ -25,6 +25,7 @@ static const char usage[] =
     "--renew-every N        after each Nth message a subscription is destroyed and created again\n"
     "--apart-us N           how long it has none in between\n"
     "--renew I:N:US         once, after the Nth message of the Ith --sub, with so long in between\n"
+    "--overlaps             the other one is created before the one is destroyed\n"
     "--slow I:US            how long callbacks of the Ith --sub take besides\n"
     "--doze-every N         after each Nth of the first hundred messages of a topic no more are taken\n"
     "                       until another one comes, whatever waits\n"
@@ -154,6 +155,8 @@ void read_arguments(int argc, char **argv) {
     if (!strcmp(argv[at], "--ros-args")) break; /* the client library's, which this one has not */
     if (!strcmp(argv[at], "--use-sim-time")) {
       asked.sim_time = true;
+    } else if (!strcmp(argv[at], "--overlaps")) {
+      asked.overlaps = true;
     } else if (at + 1 == argc) {
       refuse("no value", argv[at]);
     } else {

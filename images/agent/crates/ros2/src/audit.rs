@@ -31,7 +31,7 @@ impl Audit for Reader {
             let Some(numbers) = links.get(name) else { continue };
             topic.learn_publishers(&endpoints);
             for link in numbers.iter().filter_map(|number| topic.link_with(*number)) {
-                if link.is_mixed(&self.ledger).map_err(failed)? {
+                if link.is_unknown(&self.ledger).map_err(failed)? {
                     continue;
                 }
                 if let Some(messages) = link.taken(&self.ledger).map_err(failed)? {

@@ -33,6 +33,7 @@ mod seen;
 mod stamp;
 mod stillness;
 mod subscriptions;
+mod taken;
 mod topic;
 
 pub use middleware::Ros2;

@@ -125,6 +125,16 @@ impl Link {
         self.counted.as_ref().map_or(Ok(false), |counted| counted.are_mixed(ledger))
     }
 
+    /// Whether what its subscriptions have taken can't be known ([`Subscriptions::are_confused`]).
+    pub(crate) fn is_confused(&self, ledger: &Ledger) -> Result<bool, LedgerError> {
+        self.counted.as_ref().map_or(Ok(false), |counted| counted.are_confused(ledger))
+    }
+
+    /// Whether it is not known for either reason.
+    pub(crate) fn is_unknown(&self, ledger: &Ledger) -> Result<bool, LedgerError> {
+        Ok(self.is_confused(ledger)? || self.is_mixed(ledger)?)
+    }
+
     /// Whether somebody publishes the topic beside us, or has done so.
     pub(crate) fn is_shared(&self) -> bool {
         self.counted.as_ref().is_some_and(Subscriptions::are_shared)

@@ -17,7 +17,7 @@ const DOUBTFUL: Duration = Duration::from_secs(1);
 /// without tracepoints that has several threads, the last ones come back with the next message only.
 const COMES_BACK: Duration = Duration::from_millis(100);
 /// Of the time between two looks, which are every 20 ms, so much counts: we may have stood still.
-const LOOK: Duration = Duration::from_millis(40);
+pub(crate) const LOOK: Duration = Duration::from_millis(40);
 
 /// What counts of the time between two looks for who waits for others: where the whole machine
 /// stood still, none of them had the rest of it either.

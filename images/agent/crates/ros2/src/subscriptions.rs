@@ -6,12 +6,13 @@ use std::sync::{PoisonError, RwLock};
 use std::time::{Duration, Instant};
 
 use bagpipe_ros2ledger::{
-    Counts, Durability, Endpoint, EndpointId, History, Ledger, LedgerError, ProcessId, Qos,
-    Reliability, Strength,
+    Durability, Endpoint, EndpointId, History, Ledger, LedgerError, ProcessId, Qos, Reliability,
+    Strength,
 };
 
 use crate::absence::{Absence, RENEWED};
 use crate::qos::reaches;
+use crate::taken::Taken;
 
 /// The most messages that may wait for a node to take them, however deep its queue.
 pub(crate) const MOST_WAITING: u64 = 1000;
@@ -32,6 +33,10 @@ pub(crate) struct Subscriptions {
     shared: AtomicBool,
     /// Whether such a one has published.
     published: AtomicBool,
+    /// Whether one came or went whose messages can't be separated from another's.
+    confused: AtomicBool,
+    /// Whether one was given what is kept, of which a message's publisher has to be known.
+    given_kept: AtomicBool,
 }
 
 /// Those that are there now.
@@ -56,51 +61,13 @@ struct Now {
     strength: Strength,
 }
 
-/// What a subscription has taken.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-struct Taken {
-    /// Whoever published it.
-    all: u64,
-    /// Of which it is known that it was ours.
-    own: u64,
-    /// Of which it is not known whose it was.
-    unclear: u64,
-}
-
-impl Taken {
-    fn of(counts: &Counts, known: bool) -> Taken {
-        let Counts { taken: all, taken_own: own, taken_unknown: unclear, .. } = *counts;
-        match known {
-            true => Taken { all, own, unclear },
-            false => Taken { all, own: 0, unclear: all },
-        }
-    }
-
-    fn since(self, before: Taken) -> Taken {
-        Taken {
-            all: self.all.saturating_sub(before.all),
-            own: self.own.saturating_sub(before.own),
-            unclear: self.unclear.saturating_sub(before.unclear),
-        }
-    }
-
-    /// Messages of ours. A middleware that says of none whose it is gives ours like all others; one that
-    /// says it of some says it of ours, as our publisher is there.
-    fn ours(self) -> u64 {
-        if self.unclear == self.all { self.all } else { self.own }
-    }
-
-    /// Whether others' may be among them, beside somebody who has `published`; or where somebody was there
-    /// whom nobody has seen.
-    fn is_unclear(self, published: bool) -> bool {
-        self.unclear > 0 && (published || self.unclear < self.all)
-    }
-}
-
 /// A subscription.
 #[derive(Clone, Copy, Debug)]
 struct Counted {
     id: EndpointId,
+    wanted: Qos,
+    /// Whether it came after we had published, and took no other's place.
+    late: bool,
     /// What it had taken of which nothing counts here.
     before: Taken,
     /// Messages of ours that count as taken besides: by the one whose place it took, or those that went out
@@ -121,6 +88,7 @@ struct Left {
     latest: i64,
     /// What had been sent by then.
     sent: u64,
+    wanted: Qos,
     away: Absence,
 }
 
@@ -136,12 +104,14 @@ impl Subscriptions {
         (known, at_once): (bool, bool),
     ) -> Result<Option<Self>, LedgerError> {
         let Some(process) = subscriptions.first().map(|one| one.process) else { return Ok(None) };
+        let given_kept = subscriptions.iter().any(|one| one.late && keeps(&one.qos));
         let counted = |one: &&Endpoint| {
             let before = match at_once {
                 true => Taken::default(),
                 false => Taken::of(&ledger.counts(one.id)?, known),
             };
-            Ok(Counted { id: one.id, before, begun_with: 0, never: 0, is_new: false })
+            let (wanted, late) = (one.qos, one.late);
+            Ok(Counted { id: one.id, wanted, late, before, begun_with: 0, never: 0, is_new: false })
         };
         Ok(Some(Subscriptions {
             process,
@@ -159,6 +129,8 @@ impl Subscriptions {
             }),
             shared: AtomicBool::new(false),
             published: AtomicBool::new(false),
+            confused: AtomicBool::new(false),
+            given_kept: AtomicBool::new(given_kept),
         }))
     }
 
@@ -204,54 +176,73 @@ impl Subscriptions {
     ) -> Result<(), LedgerError> {
         let mut now = self.now.write().unwrap_or_else(PoisonError::into_inner);
         now.reached = self.least(&now, ledger)?;
-        self.leave(&mut now, subscriptions, sent, ledger)?;
+        let gone = self.leave(&mut now, subscriptions, sent, ledger)?;
         if now.counted.is_empty() {
             now.lost = 0;
         }
-        let mut counted = Vec::new();
+        let (mut counted, mut confused) = (Vec::new(), false);
         for one in subscriptions {
             counted.push(match now.counted.iter().find(|known| known.id == one.id) {
                 Some(stays) => *stays,
-                None => come(&mut now, one, sent, kept),
+                None => {
+                    self.given_kept.fetch_or(keeps(&one.qos), Ordering::Relaxed);
+                    confused |= sent > 0 && !is_clear(&now, one);
+                    come(&mut now, one, sent, kept)
+                }
             });
         }
+        // What lay in the queue of one that goes may have come to one that was created before it went.
+        confused |= sent > 0 && gone && counted.iter().any(|one| one.late);
+        self.confused.fetch_or(confused, Ordering::Relaxed);
         now.counted = counted;
         now.wanted = wanted(subscriptions);
         Ok(())
     }
 
-    /// Takes in which of them are gone.
+    /// Takes in which of them are gone, and returns whether any is.
     fn leave(
         &self,
         now: &mut Now,
         subscriptions: &[&Endpoint],
         sent: u64,
         ledger: &Ledger,
-    ) -> Result<(), LedgerError> {
+    ) -> Result<bool, LedgerError> {
         let is_there = |id| subscriptions.iter().any(|one| one.id == id);
         let (stay, gone): (Vec<Counted>, Vec<Counted>) =
-            now.counted.iter().partition(|one| is_there(one.id));
+            now.counted.drain(..).partition(|one| is_there(one.id));
+        let any = !gone.is_empty();
         for one in gone {
             let since = Taken::of(&ledger.counts(one.id)?, self.known).since(one.before);
             now.before.all += since.all;
             now.before.unclear += since.unclear;
             let (taken, latest) = (one.begun_with + since.ours(), ledger.latest(one.id)?);
-            now.left.insert(one.id, Left { taken, latest, sent, away: Absence::begin() });
+            let (wanted, away) = (one.wanted, Absence::begin());
+            now.left.insert(one.id, Left { taken, latest, sent, wanted, away });
         }
         now.counted = stay;
-        Ok(())
+        Ok(any)
     }
 
-    /// Takes in that somebody looks at this moment: who takes no place for a while takes none any more.
+    /// Takes in that somebody looks at this moment: who takes no place for a while takes none any more. Of
+    /// the time since the look before at `most` so much counts.
     ///
     /// # Errors
     /// The ledger can't be read.
-    pub(crate) fn look(&self, at: Instant, ledger: &Ledger) -> Result<(), LedgerError> {
+    pub(crate) fn look(
+        &self,
+        at: Instant,
+        most: Duration,
+        ledger: &Ledger,
+    ) -> Result<(), LedgerError> {
         let mut now = self.now.write().unwrap_or_else(PoisonError::into_inner);
         let mut gone = Vec::new();
-        now.left.retain(|id, left| {
-            let stays = left.away.look(at) < RENEWED;
+        let Now { left, counted, .. } = &mut *now;
+        left.retain(|id, left| {
+            let stays = left.away.look(at, most) < RENEWED;
             gone.extend((!stays).then_some(*id));
+            // What it lacks of what was sent to it is in no other's count.
+            let confused = !stays && left.sent > left.taken && !counted.is_empty();
+            self.confused.fetch_or(confused, Ordering::Relaxed);
             stays
         });
         gone.into_iter().try_for_each(|id| ledger.end(id))
@@ -304,6 +295,19 @@ impl Subscriptions {
         let published = self.published.load(Ordering::Relaxed);
         let mut each = self.each(&now, ledger)?.into_iter().chain([now.before]);
         Ok(each.any(|one| one.is_unclear(published)))
+    }
+
+    /// Whether one came or went so that what each has taken can't be known: in nobody's place for certain,
+    /// or given what is kept by a middleware that does not say whose it is.
+    ///
+    /// # Errors
+    /// The ledger can't be read.
+    pub(crate) fn are_confused(&self, ledger: &Ledger) -> Result<bool, LedgerError> {
+        let now = self.now.read().unwrap_or_else(PoisonError::into_inner);
+        let given_kept = self.given_kept.load(Ordering::Relaxed);
+        let mut each = self.each(&now, ledger)?.into_iter().chain([now.before]);
+        let confused = self.confused.load(Ordering::Relaxed);
+        Ok(confused || (given_kept && each.any(|one| one.unclear > 0)))
     }
 
     /// Messages of ours that each of them has taken.
@@ -448,8 +452,32 @@ fn come(now: &mut Now, subscription: &Endpoint, sent: u64, kept: u64) -> Counted
         None if now.counted.is_empty() => (now.reached, sent.saturating_sub(now.reached)),
         None => (sent, 0),
     };
-    let (id, before, is_new) = (subscription.id, Taken::default(), subscription.late);
-    Counted { id, before, begun_with, never, is_new }
+    Counted {
+        id: subscription.id,
+        wanted: subscription.qos,
+        late: subscription.late,
+        before: Taken::default(),
+        begun_with,
+        never,
+        is_new: subscription.late,
+    }
+}
+
+/// Whether it is known in whose place one comes, if in any: in that of one with the same quality of service
+/// whose latest message it names, and that was seen.
+fn is_clear(now: &Now, subscription: &Endpoint) -> bool {
+    if subscription.late || subscription.after == 0 {
+        return true;
+    }
+    let mut alike = now.left.values().filter(|left| left.latest == subscription.after);
+    let Some(one) = alike.next() else { return false };
+    let same = |other: &Left| (other.taken, other.sent) == (one.taken, one.sent);
+    one.wanted == subscription.qos && alike.all(same)
+}
+
+/// Whether it asks for what was published before it came.
+fn keeps(wanted: &Qos) -> bool {
+    wanted.durability == Durability::TransientLocal
 }
 
 /// What a subscription begins with that takes the place of one which had `taken` so many when so many had

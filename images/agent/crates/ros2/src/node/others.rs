@@ -108,6 +108,13 @@ impl Graph {
             }));
         }
         for topic in self.topics().iter() {
+            remarks.extend(topic.confused().into_iter().map(|node| {
+                format!(
+                    "a subscription of {node} to {} came or went during the play, so that what it got of \
+                     ours can't be known",
+                    topic.info().topic
+                )
+            }));
             remarks.extend(topic.mixed().into_iter().map(|node| {
                 format!(
                     "the stack publishes {} too, and the middleware of {node} does not say whose \

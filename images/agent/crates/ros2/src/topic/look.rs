@@ -1,6 +1,7 @@
 //! The ledger at a moment.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::{Mutex, PoisonError};
 
 use bagpipe_ros2ledger::{Endpoint, Kind, Ledger, LedgerError, ProcessId};
 
@@ -9,6 +10,8 @@ pub(super) type Owner = (ProcessId, String);
 
 /// The ledger at a moment.
 pub(crate) struct Look {
+    /// The later the greater.
+    pub(super) number: u64,
     pub(crate) endpoints: Vec<Endpoint>,
     pub(super) running: BTreeSet<ProcessId>,
     /// Processes that run and have neither taken nor waited by now.
@@ -19,12 +22,17 @@ pub(crate) struct Look {
 
 impl Look {
     pub(crate) fn at(ledger: &Ledger) -> Result<Look, LedgerError> {
+        // Else what was read first could have the greater number, and be taken for what is so now.
+        static LOOKS: Mutex<u64> = Mutex::new(0);
+        let mut looks = LOOKS.lock().unwrap_or_else(PoisonError::into_inner);
+        *looks += 1;
         let listed = ledger.listed();
         let mut processes = ledger.processes()?;
         processes.retain(|one| one.alive);
         let unspun = processes.iter().filter(|one| one.spinners == 0).map(|one| one.id).collect();
         let running = processes.iter().map(|one| one.id).collect();
-        Ok(Look { endpoints: ledger.endpoints()?, running, unspun, listed })
+        let endpoints = ledger.endpoints()?;
+        Ok(Look { number: *looks, endpoints, running, unspun, listed })
     }
 
     /// The subscriptions that are there, by whose they are.

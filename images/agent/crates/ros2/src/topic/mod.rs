@@ -63,6 +63,8 @@ pub(crate) struct Topic {
 /// What had gone out, by the clock, when no subscription was there that has no link.
 #[derive(Default)]
 struct Looked {
+    /// The last look that was taken in.
+    look: u64,
     /// Of those that count.
     counted: Totals,
     /// With the message that was handed over next, and when, in ns since 1970.
@@ -114,6 +116,12 @@ impl Topic {
     fn has_uncounted(&self, endpoints: &[Endpoint]) -> bool {
         let others = self.others.lock().unwrap_or_else(PoisonError::into_inner);
         !uncounted(&self.info.topic, &others, endpoints).is_empty()
+    }
+
+    /// The nodes of which it is not known what they got of ours, as their subscriptions came and went.
+    pub(crate) fn confused(&self) -> Vec<String> {
+        let is_confused = |link: &&Arc<Link>| link.is_confused(&self.means.ledger).unwrap_or(true);
+        self.links().iter().filter(is_confused).map(|link| link.node.clone()).collect()
     }
 
     /// The nodes of which it is not known what they got of ours, as they may have taken messages of

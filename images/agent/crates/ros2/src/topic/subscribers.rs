@@ -9,12 +9,13 @@ use bagpipe_graph::{Cancelled, PacedBy, SendError};
 use bagpipe_ros2ledger::{Endpoint, Event, Kind, Ledger, LedgerError};
 use bagpipe_ros2player::{Durability, History, Reliability};
 
-use super::Topic;
 use super::look::{Look, Owner};
 use super::sending::failed;
-use crate::absence::{Absence, RENEWED};
+use super::{Looked, Topic};
+use crate::absence::{Absence, BY_THE_CLOCK, RENEWED};
 use crate::link::{Link, Totals};
 use crate::qos::{incompatible, reaches};
+use crate::stillness::LOOK;
 use crate::subscriptions::Subscriptions;
 
 /// A subscription whose process has not reported for so long whom it knows is believed to know us.
@@ -33,6 +34,30 @@ impl Topic {
         let mut looked = self.looked.lock().unwrap_or_else(PoisonError::into_inner);
         // What goes out from here on is counted by the links.
         let sent = self.sent().totals;
+        let (now, mut links) = (Instant::now(), Vec::clone(&self.links()));
+        // Another thread may have looked later, and been faster: what has gone would be there again.
+        if look.number >= looked.look {
+            looked.look = look.number;
+            self.refresh_counted(&mut looked, &mut links, look, now)?;
+        }
+        if let Some(uncounted) = uncounted {
+            self.refresh_uncounted(&mut links, uncounted, sent.since(looked.uncounted));
+            looked.uncounted = sent;
+        }
+        *self.links.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(links);
+        self.learn_publishers(&look.endpoints);
+        Ok(())
+    }
+
+    /// Those that count.
+    fn refresh_counted(
+        &self,
+        looked: &mut Looked,
+        links: &mut Vec<Arc<Link>>,
+        look: &Look,
+        now: Instant,
+    ) -> Result<(), LedgerError> {
+        let sent = self.sent().totals;
         let missed = sent.since(looked.counted);
         // Who is listed behind the message that was handed over last has not missed that one.
         let (handed_at, missed_behind) = (looked.handed_at, sent.since(looked.handed));
@@ -44,13 +69,12 @@ impl Topic {
             !subscriptions.is_empty()
         });
         self.strangers().retain(|owner, _| nodes.contains_key(owner));
-        let (now, mut links) = (Instant::now(), Vec::clone(&self.links()));
-        for link in &links {
+        for link in links.iter() {
             let Some(counted) = &link.counted else { continue };
             let owner = (counted.process, link.node.clone());
             let there = nodes.get(&owner).map(Vec::as_slice).unwrap_or_default();
             let others = link.replace(there, self.kept(), &self.means.ledger)?;
-            counted.look(now, &self.means.ledger)?;
+            counted.look(now, self.most_between_looks(), &self.means.ledger)?;
             if there.is_empty() && others && look.running.contains(&owner.0) {
                 self.departed().insert(owner, Absence::begin());
             }
@@ -61,19 +85,13 @@ impl Topic {
         self.departed().retain(|owner, absence| {
             !nodes.contains_key(owner)
                 && look.running.contains(&owner.0)
-                && absence.look(now) < RENEWED
+                && absence.look(now, self.most_between_looks()) < RENEWED
         });
         for (owner, subscriptions) in &nodes {
             let behind = subscriptions.iter().all(|one| one.late && one.after > handed_at);
             let missed = if behind { missed_behind } else { missed };
-            self.welcome(&mut links, owner, subscriptions, (look, missed))?;
+            self.welcome(links, owner, subscriptions, (look, missed))?;
         }
-        if let Some(uncounted) = uncounted {
-            self.refresh_uncounted(&mut links, uncounted, sent.since(looked.uncounted));
-            looked.uncounted = sent;
-        }
-        *self.links.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(links);
-        self.learn_publishers(&look.endpoints);
         self.listed.store(look.listed, Ordering::Relaxed);
         Ok(())
     }
@@ -110,6 +128,15 @@ impl Topic {
         let name = self.named(links, &owner.1);
         links.push(self.link(name, counted, missed));
         Ok(())
+    }
+
+    /// Of the time between two looks at most so much counts for who is away. By the clock messages go out
+    /// whether anybody looks or not, which is every half a second.
+    fn most_between_looks(&self) -> Duration {
+        match self.means.paced_by {
+            PacedBy::Schedule => BY_THE_CLOCK,
+            PacedBy::Subscribers => LOOK,
+        }
     }
 
     /// Messages that are kept for who comes late.
@@ -229,7 +256,12 @@ impl Topic {
         }
         // One of the others may be none that it can match.
         let some = |one: &&Endpoint| one.matched.is_none_or(|known| known > 0);
-        since.elapsed() >= UNREPORTED && subscriptions.iter().all(some)
+        let believed = since.elapsed() >= UNREPORTED && subscriptions.iter().all(some);
+        if believed {
+            // When it subscribes again it is waited for again.
+            strangers.remove(owner);
+        }
+        believed
     }
 
     fn strangers(&self) -> MutexGuard<'_, BTreeMap<Owner, Instant>> {
