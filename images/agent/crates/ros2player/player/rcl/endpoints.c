@@ -43,7 +43,8 @@ typedef int get_gid(const void *publisher, struct gid *into);
 /* Whether a message has its publisher's gid as the publisher has it, in nodes that take it: where this was
  * not run it is not believed. */
 static bool is_in_messages(const char *implementation) {
-  static const char *const those[] = {"rmw_fastrtps_cpp", "rmw_fastrtps_dynamic_cpp"};
+  static const char *const those[] = {"rmw_fastrtps_cpp", "rmw_fastrtps_dynamic_cpp",
+                                      "rmw_zenoh_cpp"};
   for (size_t one = 0; implementation != NULL && one < sizeof those / sizeof *those; one++)
     if (strcmp(implementation, those[one]) == 0) return true;
   return false;
