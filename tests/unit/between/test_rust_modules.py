@@ -13,6 +13,7 @@ TOGETHER = {
     "agent": [{"engine::exec", "engine::exec::pump"}, {"engine::ros1", "engine::ros1::simulator"}],
     "rosbag": [{"bag", "copy", "messages", "scan", "slice", "timeline", "unpack", "upgrade",
              "writer"}, {"model", "record"}],
+    "mcap": [{"writer", "writer::chunk"}],
     "wire": [{"duplex", "leftovers"}],
     "python": [{"bag", "writer"}],
     "replay": [{"machine", "machine::gauge"}, {"time", "time::by_hand"},

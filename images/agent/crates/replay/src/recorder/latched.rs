@@ -5,7 +5,8 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use bagpipe_graph::Incoming;
 use bagpipe_log::Connection;
 
-use super::{Failure, connection_of};
+use super::connection::connection_of;
+use super::failure::Failure;
 use crate::ordered::settled_name;
 
 /// A message that is latched, and whose.

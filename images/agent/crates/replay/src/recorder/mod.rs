@@ -1,5 +1,7 @@
 //! The recorder: what the stack publishes goes, stamped with bag time, into a bag in memory.
 
+mod connection;
+mod failure;
 mod latched;
 #[cfg(test)]
 mod tests;
@@ -11,10 +13,10 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use bagpipe_graph::{Incoming, Sink};
-use bagpipe_log::{
-    Connection, MessageEncoding, RecordingError, RecordingFormat, RecordingWriter, SchemaEncoding,
-};
+use bagpipe_log::{Connection, RecordingFormat, RecordingWriter};
 
+pub(crate) use self::connection::connection_of;
+use self::failure::Failure;
 use self::latched::LatchedState;
 use crate::ReplayError;
 use crate::answers::Answers;
@@ -70,32 +72,6 @@ struct State {
     bytes: u64,
     failure: Option<Failure>,
     broken: Option<String>,
-}
-
-#[derive(Clone)]
-enum Failure {
-    Budget(String),
-    Other(String),
-}
-
-impl From<RecordingError> for Failure {
-    fn from(error: RecordingError) -> Failure {
-        match error {
-            RecordingError::OverBudget(_) => Failure::Budget(error.to_string()),
-            RecordingError::Unreadable(_) | RecordingError::Unwritten(_) => {
-                Failure::Other(error.to_string())
-            }
-        }
-    }
-}
-
-impl From<Failure> for ReplayError {
-    fn from(failure: Failure) -> ReplayError {
-        match failure {
-            Failure::Budget(why) => ReplayError::RecorderBudgetExceeded(why),
-            Failure::Other(why) => ReplayError::Internal(why),
-        }
-    }
 }
 
 impl Recorder {
@@ -359,21 +335,5 @@ impl Sink for Recorder {
 
     fn broken(&mut self, why: String) {
         self.state().broken.get_or_insert(why);
-    }
-}
-
-pub(crate) fn connection_of(incoming: &Incoming<'_>) -> Connection {
-    let publisher = incoming.publisher;
-    Connection {
-        id: 0,
-        topic: incoming.topic.to_owned(),
-        datatype: publisher.datatype.clone(),
-        md5sum: publisher.md5sum.clone(),
-        definition: publisher.definition.as_str().into(),
-        caller_id: publisher.node.clone(),
-        latching: publisher.latching,
-        message_encoding: MessageEncoding::from_name(publisher.message_encoding),
-        schema_encoding: SchemaEncoding::from_name(publisher.schema_encoding),
-        offered_qos: publisher.offered_qos.clone(),
     }
 }
