@@ -34,7 +34,7 @@ class StatusWriter:
         self._view = view
         self._announcer = announcer
         self._recorder = recorder
-        self.pace = pace
+        self._pace = pace
         self._now = now
         self._counted = counted
         self._paced = paced
@@ -52,7 +52,7 @@ class StatusWriter:
         if not changed:
             return job
         urgent = is_urgent(job.status, status)
-        if not urgent and self.pace.puts_off(job.uid):
+        if not urgent and self._pace.puts_off(job.uid):
             self._paced("put_off")
             return job  # a later visit writes what is known then
         self._paced("urgent" if urgent else "progress")
@@ -60,7 +60,7 @@ class StatusWriter:
         patch = {"metadata": {"resourceVersion": job.resource_version}, "status": changed}
         self._unanswered[job.uid] = job
         try:
-            with self.pace.writing(job.uid, urgent):
+            with self._pace.writing(job.uid, urgent):
                 written = await self._api.patch_status(job.namespace, job.name, patch, urgent)
         except ApiError as error:
             if error.status in {404, 409}:

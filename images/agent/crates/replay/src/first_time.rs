@@ -13,7 +13,6 @@ use crate::{ReplayError, ReplayRequest};
 /// than one that makes them at the first time, so that two runs would differ by how quickly their nodes
 /// have started: none is shown while somebody works to start.
 pub(crate) struct FirstTime {
-    startup: Startup,
     /// A stack that works without end gets its time, too.
     at_the_latest: Instant,
 }
@@ -22,26 +21,25 @@ impl FirstTime {
     /// `now` is when the wait for the stack begins, of which half is for who works without end.
     pub(crate) fn new(request: &ReplayRequest, now: Instant) -> FirstTime {
         let patience: Duration = request.subscribe_deadline / 2;
-        FirstTime {
-            startup: Startup::below(request.start.at_rest_below),
-            at_the_latest: now + patience,
-        }
+        FirstTime { at_the_latest: now + patience }
     }
 
-    /// Shows the first time if nobody starts; `state` is the graph's now, where it answered.
+    /// Shows the first time if nobody starts, by the watch over the stack's `startup`; `state` is the graph's
+    /// now, where it answered.
     ///
     /// # Errors
     /// Whatever stops the watch, and what keeps /clock from being published.
     pub(crate) fn show(
-        &mut self,
+        &self,
         state: Option<&SystemState>,
+        startup: &mut Startup,
         player: &mut Player<'_>,
         watch: &mut Watch<'_>,
     ) -> Result<(), ReplayError> {
         if !player.shows_time() {
             return Ok(());
         }
-        if self.startup.rests(state) || watch.now() >= self.at_the_latest {
+        if startup.rests(state) || watch.now() >= self.at_the_latest {
             player.show_clock(watch)?;
         }
         Ok(())

@@ -34,7 +34,7 @@ const LOGS: [&str; 2] = ["/rosout", "/rosout_agg"];
 pub(crate) fn settle(
     discovery: &Discovery<'_>,
     player: &mut Player<'_>,
-    first_time: &mut FirstTime,
+    first_time: &FirstTime,
     startup: &mut Startup,
     watch: &mut Watch<'_>,
 ) -> Result<(), ReplayError> {
@@ -64,7 +64,7 @@ pub(crate) fn settle(
         let before = watch.now();
         watch.sleep(LOOK)?;
         deadline += stood_still(watch.now() - before);
-        first_time.show(state.as_ref(), player, watch)?;
+        first_time.show(state.as_ref(), startup, player, watch)?;
     }
     Ok(())
 }

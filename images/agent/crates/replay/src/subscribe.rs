@@ -37,14 +37,14 @@ pub(crate) fn wait_for_stack(
     let deadline = begun + request.subscribe_deadline;
     let mut waiting = Waiting::new(player.required(), request.topics.is_empty(), begun);
     let mut next_look = begun;
-    let mut first_time = FirstTime::new(request, begun);
+    let first_time = FirstTime::new(request, begun);
     let mut startup = Startup::below(request.start.at_rest_below);
     loop {
         watch.check()?;
         let now = watch.now();
         if now >= next_look {
             let state = discovery.look()?;
-            first_time.show(state.as_ref(), player, watch)?;
+            first_time.show(state.as_ref(), &mut startup, player, watch)?;
             let complete = |state| startup.is_complete(state, discovery.node);
             waiting.complete = state.as_ref().is_some_and(complete);
             next_look = now + if waiting.links > 0 { CONFIRM } else { DISCOVER };
@@ -70,7 +70,7 @@ pub(crate) fn wait_for_stack(
         }
         watch.sleep_until(now + LOOK)?;
     }
-    settle(discovery, player, &mut first_time, &mut startup, watch)?;
+    settle(discovery, player, &first_time, &mut startup, watch)?;
     begin(discovery, player, request, watch)
 }
 

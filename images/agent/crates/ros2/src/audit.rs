@@ -6,7 +6,7 @@ use std::sync::Arc;
 use bagpipe_graph::{Audit, GraphError, Publication as _, Received};
 use bagpipe_ros2ledger::{Endpoint, Kind, Ledger};
 
-use crate::connections::{Connections, End};
+use crate::connections::standing;
 use crate::error::failed;
 use crate::recording::Inputs;
 use crate::topic::{Look, Topic};
@@ -60,7 +60,6 @@ impl Audit for Reader {
             Kind::Publisher => usize::from(self.inputs.of(&one.topic).is_some()),
             Kind::Subscription => self.topics.iter().filter(|topic| topic.plays_to(one)).count(),
         };
-        let end = |one| End { endpoint: one, ours: ours(one), spins: look.spins(one) };
-        Ok(Connections(look.all_there().map(end).collect()).of(node))
+        Ok(standing(&look, node, ours))
     }
 }

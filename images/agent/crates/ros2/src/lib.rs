@@ -33,6 +33,7 @@ mod seen;
 mod stamp;
 mod stillness;
 mod subscriptions;
+mod succession;
 mod taken;
 mod topic;
 

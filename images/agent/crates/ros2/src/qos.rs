@@ -116,6 +116,30 @@ pub(crate) fn reaches(offered: &ledger::Qos, wanted: &ledger::Qos) -> bool {
     lacking((best_effort, offered.durability == ledger::Durability::Volatile), wanted).is_none()
 }
 
+/// Messages that a subscription's queue holds; `None` without a bound.
+pub(crate) fn depth(wanted: &ledger::Qos) -> Option<u64> {
+    match wanted.history {
+        ledger::History::KeepLast => Some(wanted.depth.max(1)),
+        ledger::History::KeepAll | ledger::History::Other(_) => None,
+    }
+}
+
+/// How many a subscription takes at the most of those that are kept, in the place of one before it: none,
+/// where it does not confirm what it has.
+pub(crate) fn given_again(wanted: &ledger::Qos) -> u64 {
+    match (wanted.durability, wanted.reliability) {
+        (ledger::Durability::TransientLocal, ledger::Reliability::Reliable) => {
+            depth(wanted).unwrap_or(u64::MAX)
+        }
+        _ => 0,
+    }
+}
+
+/// Whether it asks for what was published before it came.
+pub(crate) fn keeps(wanted: &ledger::Qos) -> bool {
+    wanted.durability == ledger::Durability::TransientLocal
+}
+
 /// What a subscription asks for that what is offered lacks.
 fn lacking((best_effort, volatile): (bool, bool), wanted: &ledger::Qos) -> Option<&'static str> {
     if best_effort && wanted.reliability == ledger::Reliability::Reliable {

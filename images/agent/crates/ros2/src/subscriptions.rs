@@ -5,13 +5,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{PoisonError, RwLock};
 use std::time::{Duration, Instant};
 
-use bagpipe_ros2ledger::{
-    Durability, Endpoint, EndpointId, History, Ledger, LedgerError, ProcessId, Qos, Reliability,
-    Strength,
-};
+use bagpipe_ros2ledger::{Endpoint, EndpointId, Ledger, LedgerError, ProcessId, Qos, Strength};
 
 use crate::absence::{Absence, RENEWED};
-use crate::qos::reaches;
+use crate::qos::{depth, given_again, keeps, reaches};
+use crate::succession::{Left, goes_on, is_clear};
 use crate::taken::Taken;
 
 /// The most messages that may wait for a node to take them, however deep its queue.
@@ -33,10 +31,6 @@ pub(crate) struct Subscriptions {
     shared: AtomicBool,
     /// Whether such a one has published.
     published: AtomicBool,
-    /// Whether one came or went whose messages can't be separated from another's.
-    confused: AtomicBool,
-    /// Whether one was given what is kept, of which a message's publisher has to be known.
-    given_kept: AtomicBool,
 }
 
 /// Those that are there now.
@@ -59,6 +53,10 @@ struct Now {
     wanted: Vec<Qos>,
     /// The weakest of them.
     strength: Strength,
+    /// Whether one came or went whose messages can't be separated from another's.
+    confused: bool,
+    /// Whether one was given what is kept, of which a message's publisher has to be known.
+    given_kept: bool,
 }
 
 /// A subscription.
@@ -79,19 +77,6 @@ struct Counted {
     is_new: bool,
 }
 
-/// A subscription that is gone.
-#[derive(Debug)]
-struct Left {
-    /// Messages of ours that it had taken.
-    taken: u64,
-    /// The latest stamp of these.
-    latest: i64,
-    /// What had been sent by then.
-    sent: u64,
-    wanted: Qos,
-    away: Absence,
-}
-
 impl Subscriptions {
     /// Of the subscriptions of one node, counted from now, or `at_once`: from when they were there, as
     /// what has gone out to them since counts as well. `known`: our publisher is.
@@ -104,7 +89,6 @@ impl Subscriptions {
         (known, at_once): (bool, bool),
     ) -> Result<Option<Self>, LedgerError> {
         let Some(process) = subscriptions.first().map(|one| one.process) else { return Ok(None) };
-        let given_kept = subscriptions.iter().any(|one| one.late && keeps(&one.qos));
         let counted = |one: &&Endpoint| {
             let before = match at_once {
                 true => Taken::default(),
@@ -126,11 +110,11 @@ impl Subscriptions {
                 write_offs: 0,
                 wanted: wanted(subscriptions),
                 strength: weakest(subscriptions).unwrap_or(Strength::Taken),
+                confused: false,
+                given_kept: subscriptions.iter().any(|one| one.late && keeps(&one.qos)),
             }),
             shared: AtomicBool::new(false),
             published: AtomicBool::new(false),
-            confused: AtomicBool::new(false),
-            given_kept: AtomicBool::new(given_kept),
         }))
     }
 
@@ -180,20 +164,19 @@ impl Subscriptions {
         if now.counted.is_empty() {
             now.lost = 0;
         }
-        let (mut counted, mut confused) = (Vec::new(), false);
+        let mut counted: Vec<Counted> = Vec::new();
         for one in subscriptions {
             counted.push(match now.counted.iter().find(|known| known.id == one.id) {
                 Some(stays) => *stays,
                 None => {
-                    self.given_kept.fetch_or(keeps(&one.qos), Ordering::Relaxed);
-                    confused |= sent > 0 && !is_clear(&now, one);
+                    now.given_kept |= keeps(&one.qos);
+                    now.confused |= sent > 0 && !is_clear(&now.left, one);
                     come(&mut now, one, sent, kept)
                 }
             });
         }
         // What lay in the queue of one that goes may have come to one that was created before it went.
-        confused |= sent > 0 && gone && counted.iter().any(|one| one.late);
-        self.confused.fetch_or(confused, Ordering::Relaxed);
+        now.confused |= sent > 0 && gone && counted.iter().any(|one| one.late);
         now.counted = counted;
         now.wanted = wanted(subscriptions);
         Ok(())
@@ -236,13 +219,12 @@ impl Subscriptions {
     ) -> Result<(), LedgerError> {
         let mut now = self.now.write().unwrap_or_else(PoisonError::into_inner);
         let mut gone = Vec::new();
-        let Now { left, counted, .. } = &mut *now;
+        let Now { left, counted, confused, .. } = &mut *now;
         left.retain(|id, left| {
             let stays = left.away.look(at, most) < RENEWED;
             gone.extend((!stays).then_some(*id));
             // What it lacks of what was sent to it is in no other's count.
-            let confused = !stays && left.sent > left.taken && !counted.is_empty();
-            self.confused.fetch_or(confused, Ordering::Relaxed);
+            *confused |= !stays && left.sent > left.taken && !counted.is_empty();
             stays
         });
         gone.into_iter().try_for_each(|id| ledger.end(id))
@@ -304,10 +286,8 @@ impl Subscriptions {
     /// The ledger can't be read.
     pub(crate) fn are_confused(&self, ledger: &Ledger) -> Result<bool, LedgerError> {
         let now = self.now.read().unwrap_or_else(PoisonError::into_inner);
-        let given_kept = self.given_kept.load(Ordering::Relaxed);
         let mut each = self.each(&now, ledger)?.into_iter().chain([now.before]);
-        let confused = self.confused.load(Ordering::Relaxed);
-        Ok(confused || (given_kept && each.any(|one| one.unclear > 0)))
+        Ok(now.confused || (now.given_kept && each.any(|one| one.unclear > 0)))
     }
 
     /// Messages of ours that each of them has taken.
@@ -431,14 +411,6 @@ fn weakest(subscriptions: &[&Endpoint]) -> Option<Strength> {
     subscriptions.iter().map(|one| one.strength).min()
 }
 
-/// Messages that a subscription's queue holds; `None` without a bound.
-fn depth(wanted: &Qos) -> Option<u64> {
-    match wanted.history {
-        History::KeepLast => Some(wanted.depth.max(1)),
-        History::KeepAll | History::Other(_) => None,
-    }
-}
-
 /// A subscription that comes when so many were `sent` to its node, of which so many are `kept`: it takes the
 /// place of one that is gone. To one that takes none, nothing was sent yet.
 fn come(now: &mut Now, subscription: &Endpoint, sent: u64, kept: u64) -> Counted {
@@ -463,58 +435,9 @@ fn come(now: &mut Now, subscription: &Endpoint, sent: u64, kept: u64) -> Counted
     }
 }
 
-/// Whether it is known in whose place one comes, if in any: in that of one with the same quality of service
-/// whose latest message it names, and that was seen.
-fn is_clear(now: &Now, subscription: &Endpoint) -> bool {
-    if subscription.late || subscription.after == 0 {
-        return true;
-    }
-    let mut alike = now.left.values().filter(|left| left.latest == subscription.after);
-    let Some(one) = alike.next() else { return false };
-    let same = |other: &Left| (other.taken, other.sent) == (one.taken, one.sent);
-    one.wanted == subscription.qos && alike.all(same)
-}
-
-/// Whether it asks for what was published before it came.
-fn keeps(wanted: &Qos) -> bool {
-    wanted.durability == Durability::TransientLocal
-}
-
-/// What a subscription begins with that takes the place of one which had `taken` so many when so many had
-/// been sent (`by_then`), and what never comes to it. Of those `sent` by now so many come `again`; what went
-/// out in between beyond these was sent to neither. `lost` were given up before.
-fn goes_on(taken: u64, by_then: u64, (sent, again): (u64, u64), lost: u64) -> (u64, u64) {
-    let from = taken.max(sent.saturating_sub(again));
-    let lay_in_its_queue = from.min(by_then).saturating_sub(taken);
-    (from - lay_in_its_queue, lay_in_its_queue.saturating_sub(lost))
-}
-
-/// How many a subscription takes at the most of those that are kept, in the place of one before it: none,
-/// where it does not confirm what it has.
-fn given_again(wanted: &Qos) -> u64 {
-    match (wanted.durability, wanted.reliability) {
-        (Durability::TransientLocal, Reliability::Reliable) => depth(wanted).unwrap_or(u64::MAX),
-        _ => 0,
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn who_takes_another_s_place_goes_on_where_that_was() {
-        // Seven lay in its queue, of which four come again, all of them, or none.
-        assert_eq!(goes_on(93, 100, (100, 4), 0), (93, 3));
-        assert_eq!(goes_on(93, 100, (100, 50), 0), (93, 0));
-        assert_eq!(goes_on(93, 100, (100, 0), 0), (93, 7));
-        assert_eq!(goes_on(93, 100, (100, 0), 5), (93, 2));
-        // While it was away twenty went out to others.
-        assert_eq!(goes_on(93, 100, (120, 0), 0), (113, 7));
-        assert_eq!(goes_on(93, 100, (120, 22), 0), (93, 5));
-        assert_eq!(goes_on(93, 100, (120, 12), 0), (101, 7));
-        assert_eq!(goes_on(100, 100, (120, 50), 0), (100, 0));
-    }
 
     #[test]
     fn a_thousand_messages_that_are_none_are_waited_for_17_s_in_all() {

@@ -15,13 +15,11 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-use bagpipe_graph::{Incoming, Middleware as _, Node, NodeOptions, PacedBy, Sink};
 use bagpipe_log::Connection;
 use bagpipe_replay::{AnswerBy, Mode, Progress, Stage, Strength};
-use bagpipe_ros2::Ros2;
 use bagpipe_ros2player::{GraphNode, Player, PlayerOptions};
-use scene::{Ask, DEFAULT, MS, RELAY, Scene, imu, recorded, recording, recording_of};
-use standin::{LONG, Node as Process, eventually};
+use scene::{Ask, DEFAULT, MS, RELAY, Scene, imu, joined, recorded, recording, recording_of};
+use standin::{Node as Process, eventually};
 
 /// The same with a queue that no pause of the machine fills in real time.
 fn deep_relay() -> [&'static str; 8] {
@@ -331,31 +329,6 @@ fn a_topic_that_is_published_as_two_types_has_no_whole_recording() {
 /// A node that publishes by a thread of its own on a topic that is recorded.
 fn talker<'a>(publisher: &'a str, options: &[&'a str]) -> Vec<&'a str> {
     [&["--name", "/talker", "--pub", publisher], options].concat()
-}
-
-/// Counts what it is handed.
-struct Counting(Arc<AtomicU64>);
-
-impl Sink for Counting {
-    fn message(&mut self, _: Incoming<'_>) {
-        self.0.fetch_add(1, Ordering::SeqCst);
-    }
-
-    fn too_large(&mut self, topic: &str, bytes: u64) {
-        panic!("{bytes} bytes on {topic}");
-    }
-}
-
-/// A node of ours that counts what it receives.
-fn joined(middleware: &Ros2, handed: Arc<AtomicU64>) -> Box<dyn Node> {
-    let options = NodeOptions {
-        name: "/unused".to_owned(),
-        call_deadline: LONG,
-        stall: LONG,
-        max_message: 1 << 20,
-        paced_by: PacedBy::Schedule,
-    };
-    middleware.join(options, Box::new(Counting(handed))).unwrap()
 }
 
 #[test]

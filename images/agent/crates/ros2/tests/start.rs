@@ -6,33 +6,16 @@ mod scene;
 mod standin;
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-use bagpipe_graph::{Incoming, Middleware as _, Node, NodeOptions, PacedBy, Sink};
-use scene::{Ask, RELAY, Scene, recording};
+use bagpipe_graph::Node;
+use scene::{Ask, RELAY, Scene, joined, recording};
 use standin::{LONG, built, eventually};
 
 fn alone() -> MutexGuard<'static, ()> {
     static ONE: Mutex<()> = Mutex::new(());
     ONE.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-/// Our node in a scene, which takes nothing in.
-fn joined(scene: &Scene) -> Box<dyn Node> {
-    struct Nobody;
-    impl Sink for Nobody {
-        fn message(&mut self, _: Incoming<'_>) {}
-        fn too_large(&mut self, _: &str, _: u64) {}
-    }
-    let options = NodeOptions {
-        name: "/bagpipe_player_0_0".to_owned(),
-        call_deadline: LONG,
-        stall: LONG,
-        max_message: 1 << 20,
-        paced_by: PacedBy::Subscribers,
-    };
-    scene.middleware().join(options, Box::new(Nobody)).unwrap()
 }
 
 /// Whether all spin by now.
@@ -47,7 +30,7 @@ fn all_spin_once_each_node_counts_and_has_begun_to_take() {
     let scene = Scene::new();
     let _relay = scene.start("standin_node", &RELAY);
     scene.await_subscriptions(1);
-    let node = joined(&scene);
+    let node = joined(&scene.middleware(), Arc::default());
     eventually(|| all_spin(&*node));
     let late = ["--name", "/late", "--sub", "/other:sensor_msgs/msg/Imu:10:reliable"];
     let late = [&late[..], &["--spins-late-us", "600000000"]].concat();
@@ -68,7 +51,7 @@ fn not_all_spin_where_a_process_has_loaded_ros_2_and_has_no_node() {
     let scene = Scene::new();
     let relay = scene.start("standin_node", &RELAY);
     scene.await_subscriptions(1);
-    let node = joined(&scene);
+    let node = joined(&scene.middleware(), Arc::default());
     eventually(|| all_spin(&*node));
     let library = built().join("librmw_implementation.so");
     let loads = ["-c", "LD_PRELOAD=\"$0\" exec sleep 600", library.to_str().unwrap()];

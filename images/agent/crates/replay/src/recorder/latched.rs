@@ -49,8 +49,7 @@ impl LatchedState {
     /// All that is in force has no room.
     pub(super) fn take(&mut self, incoming: &Incoming<'_>) -> Result<(), Failure> {
         if self.latches(incoming) {
-            let connection = Connection { latching: true, ..connection_of(incoming) };
-            return self.latch(connection, incoming.data.to_vec());
+            return self.latch(connection_of(incoming), incoming.data.to_vec());
         }
         if incoming.publisher.may_latch {
             let connection = connection_of(incoming);
@@ -70,9 +69,7 @@ impl LatchedState {
             let kept = match self.unlatched.take(link) {
                 None => continue,
                 Some(None) => Err(self.too_much()),
-                Some(Some((connection, data))) => {
-                    self.latch(Connection { latching: true, ..connection }, data)
-                }
+                Some(Some((connection, data))) => self.latch(connection, data),
             };
             latched = latched.and(kept);
         }
@@ -86,6 +83,7 @@ impl LatchedState {
     }
 
     fn latch(&mut self, mut connection: Connection, data: Vec<u8>) -> Result<(), Failure> {
+        connection.latching = true;
         let most = connection.in_force().max(1) as usize;
         let caller = connection.caller_id.clone().unwrap_or_default();
         if self.ordered {

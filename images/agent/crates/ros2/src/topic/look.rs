@@ -5,6 +5,8 @@ use std::sync::{Mutex, PoisonError};
 
 use bagpipe_ros2ledger::{Endpoint, Kind, Ledger, LedgerError, ProcessId};
 
+use crate::qos::reaches;
+
 /// A node's name, and its process.
 pub(super) type Owner = (ProcessId, String);
 
@@ -51,6 +53,15 @@ impl Look {
         topic: &str,
     ) -> impl Iterator<Item = &'l Endpoint> {
         self.all_there().filter(move |one| one.kind == kind && one.topic == topic)
+    }
+
+    /// How many endpoints of the stack one of them can match.
+    pub(crate) fn counterparts(&self, of: &Endpoint) -> usize {
+        let (kind, can_match): (_, fn(&Endpoint, &Endpoint) -> bool) = match of.kind {
+            Kind::Publisher => (Kind::Subscription, |of, other| reaches(&of.qos, &other.qos)),
+            Kind::Subscription => (Kind::Publisher, |of, other| reaches(&other.qos, &of.qos)),
+        };
+        self.there(kind, &of.topic).filter(|other| can_match(of, other)).count()
     }
 
     /// Whether each process that runs has taken or waited by now.

@@ -11,7 +11,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
 use std::time::{Duration, Instant};
 
 use bagpipe_graph::{FarEnd, LinkState, PacedBy, Publication, TopicInfo};
-use bagpipe_ros2ledger::{Endpoint, Kind, Ledger};
+use bagpipe_ros2ledger::{Endpoint, Kind, Ledger, LedgerError};
 use bagpipe_ros2player::{Player, PublisherId, Qos};
 
 use crate::absence::Absence;
@@ -120,15 +120,20 @@ impl Topic {
 
     /// The nodes of which it is not known what they got of ours, as their subscriptions came and went.
     pub(crate) fn confused(&self) -> Vec<String> {
-        let is_confused = |link: &&Arc<Link>| link.is_confused(&self.means.ledger).unwrap_or(true);
-        self.links().iter().filter(is_confused).map(|link| link.node.clone()).collect()
+        self.nodes_where(Link::is_confused)
     }
 
     /// The nodes of which it is not known what they got of ours, as they may have taken messages of
     /// the stack's own in their place.
     pub(crate) fn mixed(&self) -> Vec<String> {
-        let is_mixed = |link: &&Arc<Link>| link.is_mixed(&self.means.ledger).unwrap_or(true);
-        self.links().iter().filter(is_mixed).map(|link| link.node.clone()).collect()
+        self.nodes_where(Link::is_mixed)
+    }
+
+    /// Where the ledger can't be read, all.
+    fn nodes_where(&self, is: fn(&Link, &Ledger) -> Result<bool, LedgerError>) -> Vec<String> {
+        let links = self.links();
+        let those = links.iter().filter(|link| is(link, &self.means.ledger).unwrap_or(true));
+        those.map(|link| link.node.clone()).collect()
     }
 
     fn links(&self) -> Arc<Vec<Arc<Link>>> {

@@ -14,7 +14,7 @@ use super::sending::failed;
 use super::{Looked, Topic};
 use crate::absence::{Absence, BY_THE_CLOCK, RENEWED};
 use crate::link::{Link, Totals};
-use crate::qos::{incompatible, reaches};
+use crate::qos::incompatible;
 use crate::stillness::LOOK;
 use crate::subscriptions::Subscriptions;
 
@@ -34,11 +34,11 @@ impl Topic {
         let mut looked = self.looked.lock().unwrap_or_else(PoisonError::into_inner);
         // What goes out from here on is counted by the links.
         let sent = self.sent().totals;
-        let (now, mut links) = (Instant::now(), Vec::clone(&self.links()));
+        let mut links = Vec::clone(&self.links());
         // Another thread may have looked later, and been faster: what has gone would be there again.
         if look.number >= looked.look {
             looked.look = look.number;
-            self.refresh_counted(&mut looked, &mut links, look, now)?;
+            self.refresh_counted(&mut looked, &mut links, look, sent)?;
         }
         if let Some(uncounted) = uncounted {
             self.refresh_uncounted(&mut links, uncounted, sent.since(looked.uncounted));
@@ -49,15 +49,15 @@ impl Topic {
         Ok(())
     }
 
-    /// Those that count.
+    /// Those that count, where so much was `sent`.
     fn refresh_counted(
         &self,
         looked: &mut Looked,
         links: &mut Vec<Arc<Link>>,
         look: &Look,
-        now: Instant,
+        sent: Totals,
     ) -> Result<(), LedgerError> {
-        let sent = self.sent().totals;
+        let (now, most) = (Instant::now(), self.most_between_looks());
         let missed = sent.since(looked.counted);
         // Who is listed behind the message that was handed over last has not missed that one.
         let (handed_at, missed_behind) = (looked.handed_at, sent.since(looked.handed));
@@ -74,7 +74,7 @@ impl Topic {
             let owner = (counted.process, link.node.clone());
             let there = nodes.get(&owner).map(Vec::as_slice).unwrap_or_default();
             let others = link.replace(there, self.kept(), &self.means.ledger)?;
-            counted.look(now, self.most_between_looks(), &self.means.ledger)?;
+            counted.look(now, most, &self.means.ledger)?;
             if there.is_empty() && others && look.running.contains(&owner.0) {
                 self.departed().insert(owner, Absence::begin());
             }
@@ -85,7 +85,7 @@ impl Topic {
         self.departed().retain(|owner, absence| {
             !nodes.contains_key(owner)
                 && look.running.contains(&owner.0)
-                && absence.look(now, self.most_between_looks()) < RENEWED
+                && absence.look(now, most) < RENEWED
         });
         for (owner, subscriptions) in &nodes {
             let behind = subscriptions.iter().all(|one| one.late && one.after > handed_at);
@@ -237,11 +237,8 @@ impl Topic {
         let there = look.there(Kind::Subscription, &self.info.topic);
         let there = there.filter(|one| self.reaches(one)).count();
         let there = there + self.links().iter().filter(|link| link.is_uncounted()).count();
-        let others = |one: &Endpoint| {
-            let there = look.there(Kind::Publisher, &self.info.topic);
-            there.filter(|other| reaches(&other.qos, &one.qos)).count()
-        };
-        let reported = |one: &&Endpoint| one.matched.is_some_and(|all| all as usize > others(one));
+        let knows_more = |one: &Endpoint, all: u32| all as usize > look.counterparts(one);
+        let reported = |one: &&Endpoint| one.matched.is_some_and(|all| knows_more(one, all));
         // Either side may know of the other first, and what is published in between never comes.
         let known_to_us = || self.means.player.subscribers(self.publisher).unwrap_or_default();
         let mut strangers = self.strangers();

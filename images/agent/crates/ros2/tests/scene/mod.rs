@@ -4,9 +4,10 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
+use bagpipe_graph::{Incoming, Middleware as _, Node as OurNode, NodeOptions, PacedBy, Sink};
 use bagpipe_log::{Connection, MessageEncoding, RecordingWriter, SchemaEncoding};
 use bagpipe_mcap::{Mcap, McapWriter, WriterOptions};
 use bagpipe_replay::{
@@ -230,6 +231,31 @@ impl Scene {
         };
         replay(mcap, &request, seen, &|| None)
     }
+}
+
+/// Counts what it is handed.
+struct Counting(Arc<AtomicU64>);
+
+impl Sink for Counting {
+    fn message(&mut self, _: Incoming<'_>) {
+        self.0.fetch_add(1, Ordering::SeqCst);
+    }
+
+    fn too_large(&mut self, topic: &str, bytes: u64) {
+        panic!("{bytes} bytes on {topic}");
+    }
+}
+
+/// A node of ours that counts what it receives.
+pub fn joined(middleware: &Ros2, handed: Arc<AtomicU64>) -> Box<dyn OurNode> {
+    let options = NodeOptions {
+        name: "/unused".to_owned(),
+        call_deadline: LONG,
+        stall: LONG,
+        max_message: 1 << 20,
+        paced_by: PacedBy::Schedule,
+    };
+    middleware.join(options, Box::new(Counting(handed))).unwrap()
 }
 
 /// How something is played.

@@ -1,0 +1,65 @@
+//! Of a subscription that is gone, and of the one that takes its place.
+
+use std::collections::BTreeMap;
+
+use bagpipe_ros2ledger::{Endpoint, EndpointId, Qos};
+
+use crate::absence::Absence;
+
+/// A subscription that is gone.
+#[derive(Debug)]
+pub(crate) struct Left {
+    /// Messages of ours that it had taken.
+    pub(crate) taken: u64,
+    /// The latest stamp of these.
+    pub(crate) latest: i64,
+    /// What had been sent by then.
+    pub(crate) sent: u64,
+    pub(crate) wanted: Qos,
+    pub(crate) away: Absence,
+}
+
+/// Whether it is known in whose place one comes, if in any: in that of one with the same quality of service
+/// whose latest message it names, and that was seen.
+pub(crate) fn is_clear(left: &BTreeMap<EndpointId, Left>, subscription: &Endpoint) -> bool {
+    if subscription.late || subscription.after == 0 {
+        return true;
+    }
+    let mut alike = left.values().filter(|left| left.latest == subscription.after);
+    let Some(one) = alike.next() else { return false };
+    let same = |other: &Left| (other.taken, other.sent) == (one.taken, one.sent);
+    one.wanted == subscription.qos && alike.all(same)
+}
+
+/// What a subscription begins with that takes the place of one which had `taken` so many when so many had
+/// been sent (`by_then`), and what never comes to it. Of those `sent` by now so many come `again`; what went
+/// out in between beyond these was sent to neither. `lost` were given up before.
+pub(crate) fn goes_on(
+    taken: u64,
+    by_then: u64,
+    (sent, again): (u64, u64),
+    lost: u64,
+) -> (u64, u64) {
+    let from = taken.max(sent.saturating_sub(again));
+    let lay_in_its_queue = from.min(by_then).saturating_sub(taken);
+    (from - lay_in_its_queue, lay_in_its_queue.saturating_sub(lost))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn who_takes_another_s_place_goes_on_where_that_was() {
+        // Seven lay in its queue, of which four come again, all of them, or none.
+        assert_eq!(goes_on(93, 100, (100, 4), 0), (93, 3));
+        assert_eq!(goes_on(93, 100, (100, 50), 0), (93, 0));
+        assert_eq!(goes_on(93, 100, (100, 0), 0), (93, 7));
+        assert_eq!(goes_on(93, 100, (100, 0), 5), (93, 2));
+        // While it was away twenty went out to others.
+        assert_eq!(goes_on(93, 100, (120, 0), 0), (113, 7));
+        assert_eq!(goes_on(93, 100, (120, 22), 0), (93, 5));
+        assert_eq!(goes_on(93, 100, (120, 12), 0), (101, 7));
+        assert_eq!(goes_on(100, 100, (120, 50), 0), (100, 0));
+    }
+}
