@@ -1,7 +1,7 @@
 //! What it takes to join a graph.
 
 use std::collections::BTreeMap;
-use std::ffi::OsString;
+use std::ffi::{OsStr, OsString};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
@@ -9,6 +9,15 @@ use std::time::Duration;
 use bagpipe_ros2ledger::Ledger;
 
 use crate::QosOverride;
+use crate::subscriptions::MOST_WAITING;
+
+/// Names the middleware; without it ROS 2 takes its distribution's.
+const IMPLEMENTATION: &str = "RMW_IMPLEMENTATION";
+/// It holds back a publisher whose messages are not taken over.
+const HOLDS_BACK: &str = "rmw_cyclonedds_cpp";
+/// Of any other: Fast DDS has room for 512 in a reader's shared memory and for some 230 small ones at
+/// its socket, and does not always send again what found none (docs/concepts/proof.md).
+const MOST_IN_TRANSPORT: u64 = 128;
 
 /// How a graph is joined.
 #[derive(Clone)]
@@ -28,4 +37,33 @@ pub struct Ros2Options {
     pub prefixes: Vec<PathBuf>,
     /// Until when the player must be there, and each answer of it.
     pub deadline: Duration,
+}
+
+impl Ros2Options {
+    /// The most messages that may wait for a node, so that its middleware loses none on their way.
+    pub(crate) fn most_waiting(&self) -> u64 {
+        let set = self.environment.iter().rev().find(|(name, _)| name == IMPLEMENTATION);
+        let set = set.map(|(_, value)| value.clone());
+        most_waiting(set.or_else(|| std::env::var_os(IMPLEMENTATION)).as_deref())
+    }
+}
+
+fn most_waiting(implementation: Option<&OsStr>) -> u64 {
+    match implementation {
+        Some(name) if name == HOLDS_BACK => MOST_WAITING,
+        _ => MOST_IN_TRANSPORT,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_a_middleware_that_holds_back_publishers_is_given_more() {
+        assert_eq!(most_waiting(Some(OsStr::new("rmw_cyclonedds_cpp"))), 1000);
+        for other in [None, Some("rmw_fastrtps_cpp"), Some("rmw_zenoh_cpp"), Some("")] {
+            assert_eq!(most_waiting(other.map(OsStr::new)), 128);
+        }
+    }
 }

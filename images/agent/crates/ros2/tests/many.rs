@@ -9,7 +9,8 @@ use std::collections::BTreeMap;
 
 use bagpipe_log::RecordingWriter;
 use bagpipe_mcap::{Mcap, McapWriter, WriterOptions};
-use bagpipe_replay::{Mode, Strength};
+use bagpipe_replay::{Mode, Progress, Strength};
+use bagpipe_ros2ledger::Kind;
 use scene::{Ask, MS, Scene, imu, recorded, recording, stamped};
 use standin::hash;
 
@@ -131,4 +132,24 @@ fn in_lock_step_one_thread_that_shows_no_end_is_waited_for_though_it_sleeps() {
     let times: Vec<u64> = stepped.answers.iter().map(|one| one.1 / MS).collect();
     assert_eq!(times, (0..12).map(|one| 1000 + one / 4).collect::<Vec<_>>());
     assert_eq!(stepped.warnings, [] as [String; 0]);
+}
+
+#[test]
+fn of_a_deep_queue_no_more_is_used_than_any_middleware_carries_without_loss() {
+    let scene = Scene::new();
+    let queue = "/in:sensor_msgs/msg/Imu:1000:reliable";
+    let slow = ["--name", "/slow", "--sub", queue, "--delay-us", "1000"];
+    let _slow = scene.start("standin_node", &slow);
+    let taken = || {
+        let all = scene.ledger.endpoints().unwrap();
+        let of_it = all.iter().find(|one| one.kind == Kind::Subscription && one.topic == "/in");
+        of_it.map_or(0, |one| one.counts.taken)
+    };
+    let mut most = 0;
+    // What is taken meanwhile makes it less.
+    let mut seen = |progress: Progress| most = most.max(progress.sent.saturating_sub(taken()));
+    let replayed = scene.play_while(&recording(&["/in"], 1500, 100), &Ask::default(), &mut seen);
+    let ledger = replayed.unwrap().ledger;
+    assert_eq!((ledger.sent, ledger.received, ledger.dropped), (1500, 1500, 0));
+    assert!((32..=128).contains(&most), "{most} messages waited");
 }

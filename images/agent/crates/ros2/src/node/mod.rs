@@ -61,6 +61,7 @@ impl Graph {
             paced_by: options.paced_by,
             stall: options.stall,
             links: AtomicU64::new(1),
+            most_waiting: middleware.most_waiting(),
             patience: Mutex::new(options.stall),
             watching: AtomicBool::new(true),
         });

@@ -32,6 +32,8 @@ pub(crate) struct Means {
     pub(crate) paced_by: PacedBy,
     pub(crate) stall: Duration,
     pub(crate) links: AtomicU64,
+    /// The most messages that may wait for a node, so that none is lost on its way.
+    pub(crate) most_waiting: u64,
     /// How long a lead-in that is played by the clock may still wait for its subscribers.
     pub(crate) patience: Mutex<Duration>,
     /// Whether the nodes still report whom they have matched, which costs them time at each wait.

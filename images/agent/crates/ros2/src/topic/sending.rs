@@ -39,6 +39,7 @@ impl Topic {
                 let waiting = link.waiting(ledger)?;
                 // What another publishes when ours have filled a queue would overwrite one of them.
                 let depth = if link.is_shared() { link.depth().div_ceil(2) } else { link.depth() };
+                let depth = depth.min(self.means.most_waiting);
                 let room = self.sent().has_room(waiting, depth, bytes);
                 if let Some(half) = full.get(&link.id()) {
                     return Ok(room && (waiting <= *half || begun.elapsed() >= HALF));
