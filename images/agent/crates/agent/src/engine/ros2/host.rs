@@ -20,7 +20,7 @@ use crate::engine::nodes::host::{ChosenPlayer, Ending, Host, Occasion, PlayerNam
 use crate::engine::ros2::domain::{DOMAINS, Domain, cyclone};
 use crate::engine::ros2::files::Files;
 use crate::engine::ros2::players::Players;
-use crate::engine::ros2::{environment, parameters, roll};
+use crate::engine::ros2::{environment, parameters, roll, zenoh};
 use crate::engine::task::Task;
 use crate::stack::Variables;
 use crate::stack::end::StackEnd;
@@ -139,6 +139,7 @@ impl Host for Ros2Host<'_> {
             ("CYCLONEDDS_URI", cyclone(self.theirs("CYCLONEDDS_URI"))),
             ("BAGPIPE_PARAMETERS", self.parameter_file().into()),
         ];
+        set.extend(zenoh::variables(self.domain.number, |name| self.theirs(name)));
         let preload = preload.as_deref().map(OsStr::new);
         set.extend(self.ledger.environment(&self.files.library, preload));
         Variables { set, removed: &[] }
@@ -193,8 +194,11 @@ impl Host for Ros2Host<'_> {
             Some(stack) => stack.explain(abort),
             None => abort,
         };
+        let player = self.chosen_player().map(|chosen| chosen.name);
+        let implementation = self.theirs("RMW_IMPLEMENTATION");
+        let advice = zenoh::advice(implementation.as_deref(), &abort.reason, player);
+        abort.message.push_str(advice);
         if self.theirs("ROS_SECURITY_ENABLE").is_some_and(|value| value == "true") {
-            let player = self.chosen_player().map(|chosen| chosen.name);
             abort.message.push_str(&security(&abort.reason, player, self.domain.number));
         }
         abort

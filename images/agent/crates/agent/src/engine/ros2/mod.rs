@@ -10,3 +10,4 @@ mod parameters;
 mod players;
 mod roll;
 mod transports;
+mod zenoh;
