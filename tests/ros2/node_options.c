@@ -36,6 +36,7 @@ static const char usage[] =
     "--lists-late-ms N      how long a subscription is in the graph before the node, and so its ledger,\n"
     "                       has it\n"
     "--returns-late-us N    how long a call that publishes goes on after its message went out\n"
+    "--loses N:MANY         of what it publishes so many are lost on the way, from the Nth on\n"
     "--origins gid|none     messages have their publisher as other middlewares give it, or not at all\n"
     "--burst N              Strings at once on each publisher that no relay has\n"
     "--every-us N           and then one after the other, by a thread outside of callbacks\n"
@@ -140,6 +141,7 @@ static void value(const char *option, const char *text) {
   else if (!strcmp(option, "--meets-late-ms")) setenv(MEETS_LATE, text, 1);
   else if (!strcmp(option, "--lists-late-ms")) setenv(LISTS_LATE, text, 1);
   else if (!strcmp(option, "--returns-late-us")) setenv(RETURNS_LATE, text, 1);
+  else if (!strcmp(option, "--loses")) setenv(LOSES, text, 1);
   else if (!strcmp(option, "--origins")) setenv(ORIGINS, text, 1);
   else if (!strcmp(option, "--leave-after")) asked.leave_after = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--life-cycle"))

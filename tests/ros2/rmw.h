@@ -151,6 +151,7 @@ int rmw_subscription_get_actual_qos(const struct rmw_endpoint *subscription, str
 #define LISTS_LATE "STANDIN_LISTS_LATE_MS"
 /* For so many us a call that publishes goes on after its message went out. */
 #define RETURNS_LATE "STANDIN_RETURNS_LATE_US"
+#define LOSES "STANDIN_LOSES"
 /* How a message that is taken has its publisher. Not set: as Cyclone DDS, by a handle of the process;
  * "gid": as other middlewares; "none": not at all. */
 #define ORIGINS "STANDIN_ORIGINS"

@@ -1,4 +1,6 @@
-//! The topic /clock.
+//! The topic /clock, and the clock that sources stamp their messages by.
+
+use std::time::SystemTime;
 
 use bagpipe_graph::TopicInfo;
 
@@ -21,6 +23,12 @@ pub(crate) fn clock_frame(nanoseconds: u64) -> Vec<u8> {
     let seconds = i32::try_from(nanoseconds / 1_000_000_000).unwrap_or(i32::MAX);
     let rest = (nanoseconds % 1_000_000_000) as u32;
     [12u32.to_le_bytes(), [0, 1, 0, 0], seconds.to_le_bytes(), rest.to_le_bytes()].concat()
+}
+
+/// This moment in ns since 1970, as sources stamp their messages.
+pub(crate) fn source_now() -> i64 {
+    let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
+    i64::try_from(since.as_nanos()).unwrap_or(i64::MAX)
 }
 
 #[cfg(test)]

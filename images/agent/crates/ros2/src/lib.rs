@@ -17,6 +17,7 @@
 mod absence;
 mod account;
 mod acquaintance;
+mod arrivals;
 mod audit;
 mod clock;
 mod connections;

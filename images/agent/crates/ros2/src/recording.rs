@@ -1,7 +1,7 @@
 //! What is recorded: the topics that the player takes from, and the thread that hands it on.
 
 use std::collections::{BTreeSet, HashMap};
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, RwLock};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -11,6 +11,8 @@ use bagpipe_ros2player::{Qos, Received, SubscriptionId};
 
 use crate::account::Account;
 use crate::acquaintance::Acquaintance;
+use crate::arrivals::Arrivals;
+use crate::clock::source_now;
 use crate::life::LifeCycles;
 use crate::stillness::counted;
 use crate::topic::Means;
@@ -20,36 +22,6 @@ const GLANCE: Duration = Duration::from_millis(20);
 /// How long a message may come before its subscription is listed, which the same call does that
 /// makes it.
 const UNLISTED: Duration = Duration::from_secs(20);
-
-/// How many messages of a topic have come.
-#[derive(Debug, Default)]
-pub(crate) struct Arrivals {
-    handed: AtomicU64,
-    /// Messages that were waited for in vain: they are not waited for again.
-    given_up: AtomicU64,
-}
-
-impl Arrivals {
-    /// Messages that were handed to the sink.
-    pub(crate) fn handed(&self) -> u64 {
-        self.handed.load(Ordering::Acquire)
-    }
-
-    /// How many of so many have not come, without those that were waited for in vain.
-    pub(crate) fn missing(&self, due: u64) -> u64 {
-        due.saturating_sub(self.handed() + self.given_up.load(Ordering::Relaxed))
-    }
-
-    /// Takes in that so many were due and waited for.
-    pub(crate) fn give_up(&self, due: u64) {
-        let missing = due.saturating_sub(self.handed());
-        self.given_up.fetch_max(missing, Ordering::Relaxed);
-    }
-
-    fn add(&self) {
-        self.handed.fetch_add(1, Ordering::Release);
-    }
-}
 
 /// A recorded topic.
 pub(crate) struct Input {
@@ -225,7 +197,7 @@ impl Inputs {
         };
         let Input { topic, publisher, link, .. } = &*input;
         sink.message(Incoming { topic, publisher, link: *link, data: received.data });
-        input.arrivals.add();
+        input.arrivals.add(received.source_timestamp, source_now());
     }
 }
 
@@ -263,20 +235,6 @@ impl Drop for Receiving {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn what_was_waited_for_in_vain_is_not_waited_for_again_and_what_follows_is() {
-        let arrivals = Arrivals::default();
-        arrivals.add();
-        assert_eq!((arrivals.missing(1), arrivals.missing(3)), (0, 2));
-        arrivals.give_up(3);
-        assert_eq!((arrivals.missing(3), arrivals.missing(4)), (0, 1));
-        // The next one comes after all, so that none lacks that was not given up.
-        arrivals.add();
-        assert_eq!((arrivals.missing(4), arrivals.missing(5)), (0, 1));
-        arrivals.give_up(4);
-        assert_eq!(arrivals.missing(5), 1);
-    }
 
     #[test]
     fn a_machine_that_stands_still_uses_up_a_look_of_a_wait_and_no_more() {

@@ -25,9 +25,6 @@ use crate::stillness::Stillness;
 use crate::topic::{Means, Topic};
 use crate::{QosOverride, Ros2Options, qos};
 
-/// How long a message may be on its way to us once all is over.
-const ON_ITS_WAY: Duration = Duration::from_secs(1);
-
 /// A node of ours: the player's, with what the ledger says of the others.
 pub(crate) struct Graph {
     name: String,
@@ -201,7 +198,7 @@ impl Node for Graph {
         let missing = || due.iter().map(|(input, due)| input.arrivals.missing(*due)).sum();
         let exact = self.means.paced_by == PacedBy::Subscribers;
         let first = exact && !self.lacked.load(Ordering::Relaxed);
-        let limit = if first { limit.max(ON_ITS_WAY) } else { limit };
+        let limit = if first { limit.max(recorded::ON_ITS_WAY) } else { limit };
         // What did not come then is lacking: nothing after it is waited for as long, nor it again.
         if !self.inputs.await_arrivals(limit, self.means.stall, missing) {
             self.lacked.store(true, Ordering::Relaxed);
@@ -214,16 +211,12 @@ impl Node for Graph {
     }
 
     fn lacking(&self) -> Vec<String> {
-        let due = match self.due() {
+        let due = match self.due_at_last() {
             Ok(due) => due,
             Err(error) => {
                 return vec![format!("what was published can't be known: {}", error.source)];
             }
         };
-        // What goes out at this moment is on its way.
-        let missing =
-            || due.iter().map(|(input, due)| due.saturating_sub(input.arrivals.handed())).sum();
-        self.inputs.await_arrivals(ON_ITS_WAY, self.means.stall, missing);
         // Once more for a play that was shorter than who comes needs to be seen.
         if let Ok(nodes) = self.means.player.graph() {
             self.must_be_alone(&nodes);
@@ -237,7 +230,7 @@ impl Node for Graph {
         lacking.extend(self.topics().iter().filter_map(|topic| topic.misread().map(str::to_owned)));
         for (input, due) in &due {
             lacking.extend(input.unrecordable().iter().cloned());
-            let (handed, published) = (input.arrivals.handed(), input.account().offered());
+            let (handed, published) = (input.arrivals.handed_by_mark(), input.account().offered());
             lacking.extend(self.own(input, handed.saturating_sub(published)));
             let missing = due.saturating_sub(handed);
             if missing > 0 {

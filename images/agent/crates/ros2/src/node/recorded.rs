@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 use std::sync::{Arc, PoisonError};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use bagpipe_graph::{GraphError, Publication, Publisher};
 use bagpipe_ros2ledger::{Endpoint, Kind};
@@ -10,11 +10,17 @@ use bagpipe_ros2player::{GraphNode, Qos};
 
 use super::Graph;
 use crate::account::Publishes;
+use crate::clock::source_now;
 use crate::definition::{installed, schema_encoding};
 use crate::error::failed;
 use crate::recording::Input;
 use crate::topic::{Look, uncounted};
 use crate::{qos, stamp};
+
+/// How long a message may be on its way to us once all is over.
+pub(super) const ON_ITS_WAY: Duration = Duration::from_secs(1);
+/// Looks at the end at what was published.
+const LOOKS: u32 = 3;
 
 impl Graph {
     /// Subscribes to what is wanted and whose type is known by now.
@@ -141,7 +147,8 @@ impl Graph {
         known.is_ok_and(|known| known >= there.len() as u64)
     }
 
-    /// What each recorded topic must have handed on by now at least.
+    /// What each recorded topic must have handed on by now at least, of what is published by this
+    /// moment.
     pub(super) fn due(&self) -> Result<Vec<(Arc<Input>, u64)>, GraphError> {
         let all: Vec<(Arc<Input>, u64)> = self
             .inputs
@@ -151,6 +158,8 @@ impl Graph {
             .collect();
         let endpoints = self.ledger().endpoints().map_err(failed)?;
         let due = all.into_iter().map(|(input, handed)| {
+            // Behind the counts: whoever publishes counts it after its message has a stamp.
+            input.arrivals.mark(source_now);
             let now = published_on(&input.topic, &endpoints);
             let now = now.map(|one| (one.id, Publishes::of(&one.counts)));
             input.account().look(now, handed, false);
@@ -158,6 +167,27 @@ impl Graph {
             (input, due)
         });
         Ok(due.collect())
+    }
+
+    /// What was due at the end, once it has come or was waited for. What was published between the counts
+    /// and their moment may stand for one that is lost: of several looks hardly at each.
+    pub(super) fn due_at_last(&self) -> Result<Vec<(Arc<Input>, u64)>, GraphError> {
+        let mut due = self.due()?;
+        for look in 1.. {
+            // What goes out at this moment is on its way.
+            let missing = || {
+                let lacks = |(input, due): &(Arc<Input>, u64)| {
+                    due.saturating_sub(input.arrivals.handed_by_mark())
+                };
+                due.iter().map(lacks).sum()
+            };
+            let whole = self.inputs.await_arrivals(ON_ITS_WAY, self.means.stall, missing);
+            if look == LOOKS || !whole {
+                break;
+            }
+            due = self.due()?;
+        }
+        Ok(due)
     }
 }
 

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, PoisonError};
-use std::time::{Duration, Instant, SystemTime};
+use std::time::{Duration, Instant};
 
 use bagpipe_graph::{Cancelled, Outlet, PacedBy, SendError, Share};
 use bagpipe_ros2ledger::{Event, Ledger, LedgerError, Waited};
@@ -11,6 +11,7 @@ use bagpipe_ros2player::{PlayerError, Staged};
 
 use super::Topic;
 use super::look::Look;
+use crate::clock::source_now;
 use crate::link::Link;
 
 /// How often somebody who waits asks whether to give up.
@@ -100,7 +101,7 @@ impl Topic {
             looked.counted = self.sent().totals;
             looked.handed = looked.counted;
             looked.handed.add(share, bytes);
-            looked.handed_at = nanoseconds(SystemTime::now());
+            looked.handed_at = source_now();
         }
         for link in self.links().iter().filter(|link| link.is_open()) {
             link.count(share, bytes);
@@ -277,12 +278,6 @@ impl Seen {
 fn done(link: &Link, ledger: &Ledger) -> Result<i128, LedgerError> {
     let taken = i128::from(link.taken(ledger)?.unwrap_or(0));
     Ok(2 * taken - i128::from(link.in_hand(ledger)?))
-}
-
-/// Since 1970, as a source stamps its messages.
-fn nanoseconds(time: SystemTime) -> i64 {
-    let since = time.duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
-    i64::try_from(since.as_nanos()).unwrap_or(i64::MAX)
 }
 
 pub(super) fn failed(error: &dyn std::error::Error) -> SendError {

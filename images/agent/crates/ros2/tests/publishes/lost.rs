@@ -126,6 +126,30 @@ fn what_another_overwrites_is_counted_and_not_waited_for_as_long_as_who_has_stop
 }
 
 #[test]
+fn what_a_publisher_goes_on_to_publish_makes_up_for_nothing_of_it_that_was_lost() {
+    for (mode, every_us, loses) in [
+        (Mode::Max, "1000", "700:1"),
+        (Mode::Realtime, "1000", "700:20"),
+        (Mode::Realtime, "20000", "25:1"),
+    ] {
+        let scene = Scene::new();
+        let _lane = start_lane(&scene, "10", &["--delay-us", "500"]);
+        let talks = "/talk:std_msgs/msg/String:1000:reliable";
+        let talks = ["--name", "/talker", "--pub", talks, "--every-us", every_us, "--loses", loses];
+        let _talker = scene.start("standin_node", &talks);
+        let drain = Duration::from_secs(1);
+        let ask = Ask { mode, record: &["/talk"], drain, ..DEFAULT };
+        let played = scene.play(&recording_of(&strings(RELIABLE), 2000, 60), &ask);
+        let error = played.expect_err(loses);
+        assert_eq!(error.reason(), "RecordingIncomplete", "{error}");
+        let (_, lost) = loses.split_once(':').unwrap();
+        let sentence = error.to_string();
+        let least = format!("{lost} messages of /talk did not reach the recorder");
+        assert!(sentence.contains(&least), "{sentence}");
+    }
+}
+
+#[test]
 fn a_node_keeps_its_line_where_somebody_comes_who_publishes_just_before_the_first_message() {
     let scene = Scene::new();
     let lossy = ["--name", "/lossy", "--delay-us", "20000"];
