@@ -198,6 +198,7 @@ pub(crate) fn read(
         return Err((at, "a topic without a name".into()));
     }
     let thread = slot.thread.load(SeqCst);
+    let counts = counts(slot)?;
     Ok(Endpoint {
         id,
         kind,
@@ -211,25 +212,30 @@ pub(crate) fn read(
         late: flags & FLAG_LATE != 0,
         after: slot.own_after.load(SeqCst),
         matched: matched(slot, watch),
-        strength: strength(flags),
-        counts: counts(slot)?,
+        strength: strength(flags, &counts),
+        counts,
     })
 }
 
 /// Reads a slot again of which all is known that its endpoint never changes.
 pub(crate) fn again(slot: &EndpointSlot, known: &Endpoint, phase: u32) -> Result<Endpoint, Wrong> {
-    let flags = slot.flags.load(SeqCst);
+    let (flags, counts) = (slot.flags.load(SeqCst), counts(slot)?);
     Ok(Endpoint {
         destroyed: phase == PHASE_DESTROYED,
         intra_process: flags & FLAG_INTRA != 0,
-        strength: strength(flags),
-        counts: counts(slot)?,
+        strength: strength(flags, &counts),
+        counts,
         ..known.clone()
     })
 }
 
-fn strength(flags: u32) -> Strength {
-    if flags & FLAG_CALLS == 0 { Strength::Taken } else { Strength::Called }
+/// A callback that was added is no callback that ran: a program may take the messages itself.
+fn strength(flags: u32, counts: &Counts) -> Strength {
+    let never_called = counts.started + counts.intra_started == 0;
+    match flags & FLAG_CALLS == 0 || (counts.returned > 0 && never_called) {
+        true => Strength::Taken,
+        false => Strength::Called,
+    }
 }
 
 /// What was seen during this watch; no watch is 0.
@@ -329,5 +335,26 @@ fn qos(slot: &EndpointSlot) -> Qos {
             2 => Durability::Volatile,
             other => Durability::Other(other),
         },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn who_takes_without_ever_calling_proves_no_call() {
+        let of = |taken, returned, started, intra_started| {
+            let counts = Counts { taken, returned, started, intra_started, ..Counts::default() };
+            (strength(0, &counts), strength(FLAG_CALLS, &counts))
+        };
+        let taken = Strength::Taken;
+        // Before its first message, and with the first one in hand, nothing speaks against it.
+        assert_eq!(of(0, 0, 0, 0), (taken, Strength::Called));
+        assert_eq!(of(1, 0, 0, 0), (taken, Strength::Called));
+        assert_eq!(of(2, 1, 0, 0), (taken, taken));
+        // What rclcpp throws away of its own process' copies is called within that.
+        assert_eq!(of(2, 1, 0, 2), (taken, Strength::Called));
+        assert_eq!(of(5, 1, 4, 0), (taken, Strength::Called));
     }
 }
