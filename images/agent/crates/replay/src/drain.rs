@@ -75,7 +75,10 @@ impl Drain<'_> {
         // Quiet counts from here: what was received last is not answered yet.
         let begun = watch.now();
         processes.begin();
-        self.await_quiet(begun, |received| work(proof, processes, &topics, received), player, watch)
+        let look = |received| work(proof, processes, &topics, received);
+        self.await_quiet(begun, look, player, watch)?;
+        proof.ask_again(&topics);
+        Ok(())
     }
 
     /// Until nothing has come for long enough since `begun`, and nobody works by what `look`

@@ -211,6 +211,8 @@ fn perform(
     let play = stopwatch.lap(watch.now());
 
     watch.enter(Stage::Drain);
+    // Who came during a play that was shorter than a round has a line as well.
+    let _master_busy = discovery.look();
     let there = present(player.publications());
     let mut proof = rounds.into_proof();
     let drain = Drain { node, request, recorder, since: watch.now() };
@@ -311,7 +313,7 @@ fn take_answers(player: &Player<'_>, proof: &mut Proof) {
         for link in &links {
             let published_all = publishers.len() == 1 && publishers.contains(&link.node);
             if nodes.len() == 1 || published_all {
-                proof.answered(at, link.id);
+                proof.answered(at, link);
             }
         }
     }

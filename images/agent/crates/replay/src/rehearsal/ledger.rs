@@ -147,7 +147,7 @@ fn who_has_called_back_for_all_has_nothing_left_to_call_back_for() {
     let mut proof = Proof::new(words.audit());
     let topics = [topic];
     proof.ask(&topics);
-    proof.answered(0, 1);
+    proof.answered(0, &link(1, "/one", (0, 9)));
     let mut found = ledger(&topics, &[played(0, 9)], &present(&topics), &proof);
     let of = |found: &Ledger| {
         let lines = found.topics[0].subscribers.iter();

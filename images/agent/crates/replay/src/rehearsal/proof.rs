@@ -7,6 +7,7 @@ use bagpipe_graph::{FarEnd, LinkState, Publication, Received};
 
 use super::scripted::{Scripted, Words, left, link};
 use super::{ByHand, ms};
+use crate::outcome::Strength;
 use crate::patience::{Patience, Settled};
 use crate::prove::{Known, Place, Proof};
 
@@ -212,7 +213,36 @@ fn of_the_lead_in_only_what_can_t_change_any_more_is_remembered() {
 #[test]
 fn what_was_answered_in_lock_step_is_known_of_that_connection_alone() {
     let (mut proof, _, _) = proof_of(&Words::default(), &[]);
-    proof.answered(3, 8);
+    proof.answered(3, &link(8, "/one", (0, 9)));
     let answered = |topic, link| proof.known(topic, link).answered;
     assert_eq!((answered(3, 8), answered(3, 7), answered(2, 8)), (true, false, false));
+}
+
+#[test]
+fn answers_make_up_for_no_message_that_a_counted_node_has_not_taken() {
+    for (outlives, taken, reached) in [(true, 7, 4), (true, 12, 9), (false, 7, 9)] {
+        let words = Words { outlives, ..Words::default() };
+        words.say("/one", ("/a", 1), taken, None);
+        let connection = link(1, "/one", (3, 9));
+        let (mut proof, _, topics) = proof_of(&words, std::slice::from_ref(&connection));
+        proof.ask(&topics);
+        proof.answered(0, &connection);
+        let known = proof.known(0, 1);
+        let expected = if reached == 9 { Strength::Called } else { Strength::Taken };
+        let is = (known.reached(&connection), known.strength());
+        assert_eq!(is, (reached, expected), "{taken} {outlives}");
+    }
+}
+
+#[test]
+fn at_the_end_those_are_asked_once_more_whose_figures_are_there_anyway() {
+    for (outlives, known) in [(true, 5), (false, 3)] {
+        let words = Words { outlives, ..Words::default() };
+        words.say("/one", ("/a", 1), 3, None);
+        let (mut proof, _, topics) = proof_of(&words, &[link(1, "/one", (0, 9))]);
+        proof.ask(&topics);
+        words.say("/one", ("/a", 1), 5, None);
+        proof.ask_again(&topics);
+        assert_eq!(proof.known(0, 1).now, received(known, None));
+    }
 }
