@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::{Arc, PoisonError};
 use std::time::{Duration, Instant};
 
-use bagpipe_graph::{GraphError, Publication, SystemState};
+use bagpipe_graph::{GraphError, Publication, SystemState, TopicInfo};
 use bagpipe_ros2ledger::{Endpoint, Kind, Strength, Unlisted};
 use bagpipe_ros2player::GraphNode;
 
@@ -93,6 +93,34 @@ impl Graph {
         all.filter(|node| **node != self.name)
     }
 
+    /// Who subscribes to what is played and has not matched us, and what that may come of.
+    fn unmatched(&self) -> Vec<String> {
+        let mut nodes = None;
+        let mut remarks = Vec::new();
+        for topic in self.topics().iter() {
+            let TopicInfo { topic: name, datatype, .. } = topic.info();
+            for node in topic.unmatched_nodes() {
+                let all =
+                    nodes.get_or_insert_with(|| self.means.player.graph().unwrap_or_default());
+                let own = all.iter().filter(|one| one.name == node).flat_map(|one| &one.subscribes);
+                let other = own.filter(|(topic, _)| topic == name).map(|(_, of)| of);
+                let why = match other.clone().find(|of| *of != datatype) {
+                    Some(of) => format!("it asks for {of}, and {datatype} is played"),
+                    None => {
+                        "its deadline or its liveliness asks for more than is offered, or it is \
+                             in another domain"
+                            .to_owned()
+                    }
+                };
+                remarks.push(format!(
+                    "{node} subscribes to {name} and has not matched the player, so that it got \
+                     nothing of ours, by all that is known: {why}"
+                ));
+            }
+        }
+        remarks
+    }
+
     /// What nobody compared or could separate.
     pub(super) fn uncounted(&self) -> Vec<String> {
         let Ok(endpoints) = self.ledger().endpoints() else { return Vec::new() };
@@ -123,6 +151,7 @@ impl Graph {
                 )
             }));
         }
+        remarks.extend(self.unmatched());
         let Unlisted { processes, endpoints } = self.ledger().unlisted();
         if processes + endpoints > 0 {
             remarks.push(format!(

@@ -131,6 +131,13 @@ impl Topic {
         self.nodes_where(Link::is_mixed)
     }
 
+    /// The nodes that subscribe and have not matched us.
+    pub(crate) fn unmatched_nodes(&self) -> Vec<String> {
+        let links = self.links();
+        let those = links.iter().filter(|link| link.is_unmatched());
+        those.map(|link| link.node.clone()).collect()
+    }
+
     /// Where the ledger can't be read, all.
     fn nodes_where(&self, is: fn(&Link, &Ledger) -> Result<bool, LedgerError>) -> Vec<String> {
         let links = self.links();

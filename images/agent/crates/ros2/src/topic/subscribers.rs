@@ -41,7 +41,7 @@ impl Topic {
             self.refresh_counted(&mut looked, &mut links, look, sent)?;
         }
         if let Some(uncounted) = uncounted {
-            self.refresh_uncounted(&mut links, uncounted, sent.since(looked.uncounted));
+            self.refresh_uncounted(&mut links, uncounted, (look, sent.since(looked.uncounted)));
             looked.uncounted = sent;
         }
         *self.links.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(links);
@@ -92,6 +92,7 @@ impl Topic {
             let missed = if behind { missed_behind } else { missed };
             self.welcome(links, owner, subscriptions, (look, missed))?;
         }
+        self.refresh_unmatched(links, look, sent);
         self.listed.store(look.listed, Ordering::Relaxed);
         Ok(())
     }
@@ -111,7 +112,8 @@ impl Topic {
             return Ok(());
         }
         let begun = self.sent().totals.messages() > 0;
-        let at_once = begun && self.means.paced_by == PacedBy::Schedule;
+        let waited = self.strangers().get(owner).is_some_and(|since| since.elapsed() >= UNREPORTED);
+        let at_once = begun && !waited && self.means.paced_by == PacedBy::Schedule;
         if !at_once && !self.knows_us(owner, subscriptions, look, known.is_some()) {
             return Ok(());
         }
@@ -125,7 +127,7 @@ impl Topic {
         }
         let is_known = self.means.player.gid(self.publisher).is_some();
         let counted = Subscriptions::new(subscriptions, &self.means.ledger, (is_known, at_once))?;
-        let name = self.named(links, &owner.1);
+        let name = Self::named(links, &owner.1, look);
         links.push(self.link(name, counted, missed));
         Ok(())
     }
@@ -165,14 +167,35 @@ impl Topic {
         self.links().iter().any(|link| link.is_uncounted() && link.node == node)
     }
 
-    fn refresh_uncounted(&self, links: &mut Vec<Arc<Link>>, names: &[String], missed: Totals) {
+    /// Those that were waited for in vain, once something was sent that they can't have had.
+    fn refresh_unmatched(&self, links: &mut Vec<Arc<Link>>, look: &Look, sent: Totals) {
+        let owners = if sent.messages() > 0 { self.unmatched() } else { BTreeSet::new() };
+        let names: BTreeSet<&String> = owners.iter().map(|(_, node)| node).collect();
+        let without = |link: &&Arc<Link>| link.is_unmatched();
+        for link in links.iter().filter(without).filter(|link| !names.contains(&link.node)) {
+            link.close();
+        }
+        for name in names {
+            if !links.iter().filter(without).any(|link| link.node == *name) {
+                let id = self.means.links.fetch_add(1, Ordering::Relaxed);
+                links.push(Arc::new(Link::unmatched(id, Self::named(links, name, look), sent)));
+            }
+        }
+    }
+
+    fn refresh_uncounted(
+        &self,
+        links: &mut Vec<Arc<Link>>,
+        names: &[String],
+        (look, missed): (&Look, Totals),
+    ) {
         let without = |link: &&Arc<Link>| link.is_uncounted();
         for link in links.iter().filter(without).filter(|link| !names.contains(&link.node)) {
             link.close();
         }
         for name in names {
             if !links.iter().filter(without).any(|link| link.node == *name) {
-                let name = self.named(links, name);
+                let name = Self::named(links, name, look);
                 links.push(self.link(name, None, missed));
             }
         }
@@ -189,15 +212,21 @@ impl Topic {
         let name = namesakes.first()?;
         // Those of processes that have ended are known for a while.
         let all = look.endpoints.iter().filter(|one| one.kind == Kind::Subscription);
-        let there = all.filter(|one| !one.destroyed && one.topic == self.info.topic).count();
+        let all = all.filter(|one| !one.destroyed && one.topic == self.info.topic);
+        let unmatched = self.unmatched();
+        let there = all.filter(|one| !unmatched.contains(&(one.process, one.node.clone()))).count();
         let known = self.means.player.subscribers(self.publisher).unwrap_or_default();
         (known > (there + others) as u64).then(|| name.clone())
     }
 
-    /// A node's name, with a number that no other of this name has that is there.
-    fn named(&self, links: &[Arc<Link>], node: &str) -> (String, u32) {
-        let there = links.iter().filter(|link| link.is_open() && link.node == node);
-        let taken: BTreeSet<u32> = there.map(|link| link.instance).collect();
+    /// A node's name, with a number that no other of this name has that is there, or may come back.
+    fn named(links: &[Arc<Link>], node: &str, look: &Look) -> (String, u32) {
+        let runs = |link: &Link| {
+            link.counted.as_ref().is_some_and(|one| look.running.contains(&one.process))
+        };
+        let all = links.iter().filter(|link| link.node == node);
+        let taken: BTreeSet<u32> =
+            all.filter(|link| link.is_open() || runs(link)).map(|link| link.instance).collect();
         let free = (0..).find(|number| !taken.contains(number)).unwrap_or_default();
         (node.to_owned(), free)
     }
@@ -251,9 +280,10 @@ impl Topic {
             strangers.remove(owner);
             return true;
         }
-        // One of the others may be none that it can match.
-        let some = |one: &&Endpoint| one.matched.is_none_or(|known| known > 0);
-        let believed = since.elapsed() >= UNREPORTED && subscriptions.iter().all(some);
+        // One of the others may be none that it can match, and who computes for long reports nothing new.
+        let some = |one: &&Endpoint| one.matched.is_some_and(|known| known > 0);
+        let matched = known_to_us() == there as u64 || subscriptions.iter().all(some);
+        let believed = since.elapsed() >= UNREPORTED && matched;
         if believed {
             // When it subscribes again it is waited for again.
             strangers.remove(owner);
@@ -263,6 +293,13 @@ impl Topic {
 
     fn strangers(&self) -> MutexGuard<'_, BTreeMap<Owner, Instant>> {
         self.strangers.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Whose subscriptions have been waited for in vain: they have not matched us.
+    fn unmatched(&self) -> BTreeSet<Owner> {
+        let strangers = self.strangers();
+        let waited = strangers.iter().filter(|(_, since)| since.elapsed() >= UNREPORTED);
+        waited.map(|(owner, _)| owner.clone()).collect()
     }
 
     fn departed(&self) -> MutexGuard<'_, BTreeMap<Owner, Absence>> {

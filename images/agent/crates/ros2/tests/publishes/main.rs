@@ -11,6 +11,7 @@ mod scene;
 mod standin;
 mod stopped;
 mod unclear;
+mod unmatched;
 mod whole;
 
 use std::time::Duration;
