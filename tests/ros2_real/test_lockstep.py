@@ -95,8 +95,9 @@ def test_the_timers_of_a_node_that_starts_slowly_are_due_when_those_of_a_quick_o
 
 
 @pytest.mark.usefixtures("busy")
-def test_twenty_runs_beside_busy_loops_record_the_same_bytes(trial: Trial) -> None:
-    command = [*NODE, "single", "Answering", "Passing", "--ros-args"]
+@pytest.mark.parametrize("executor", ["single", "multi"])
+def test_twenty_runs_beside_busy_loops_record_the_same_bytes(trial: Trial, executor: str) -> None:
+    command = [*NODE, executor, "Answering", "Passing", "--ros-args"]
     chain = ["-r", "answering:out:=/mid", "-r", "passing:in:=/mid"]
     job = trial.spec(
         [*command, *chain], LOCKSTEP, stack={"parameters": SIM_TIME}, record={"topics": ["/.*"]}
