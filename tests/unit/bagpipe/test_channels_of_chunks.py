@@ -15,6 +15,7 @@ from bagpipe.source.bags.truth import chunks_with
 from bagpipe.storage import StorageError
 from bagpipe.wire.session import SessionError
 from tests.unit.bagpipe.mcap_records import channel, mcap
+from tests.unit.bagpipe.test_mcap_planning import REINDEX, reindexed, tail_of
 from tests.unit.bagpipe.test_rosbag2_planning import STORAGE, planned, source
 
 SECOND = 1_000_000_000
@@ -98,6 +99,16 @@ def test_pieces_and_records_of_topics_are_looked_for_too(tmp_path: Path) -> None
         fragments(STORAGE, [uri], 1.0, ["/a"])
 
 
+def test_what_is_reindexed_counts_its_channels(tmp_path: Path) -> None:
+    sound = written(tmp_path / "a.mcap", crooked=False)
+    crooked = written(tmp_path / "b.mcap", crooked=True)
+    for data in (sound.read_bytes(), crooked.read_bytes()):
+        assert not tail_of(data).counted
+        tail = tail_of(reindexed(data, tmp_path))
+        assert tail.counted
+        assert [chunk.counts for chunk in tail.chunks] == [{1: 10, 2: 5}]
+
+
 def test_what_statistics_count_is_not_looked_at() -> None:
     chunks = [Chunk(at, at + 1, 0, 9, {1: 1}) for at in range(10_001)]
     looked: list[Chunk] = []
@@ -108,5 +119,6 @@ def test_what_statistics_count_is_not_looked_at() -> None:
     with pytest.raises(BagError, match="10,001 chunks would have to be looked at") as refused:
         check_left_out(uncounted, ["/a"], looked.append)
     assert refused.value.reason == "BagNotIndexed"
+    assert f"with statistics {REINDEX}, or choose" in str(refused.value)
     check_left_out(BagTail(10**6, [], [], chunks[1:], counted=False), ["/a"], looked.append)
     assert looked == chunks[1:]

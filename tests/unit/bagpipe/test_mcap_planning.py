@@ -9,6 +9,7 @@ import pytest
 from mcap.reader import NonSeekingReader
 from mcap.writer import CompressionType, IndexType, Writer
 
+from bagpipe.native import native
 from bagpipe.plan.bag_tail import BagError, BagTail, compression_of, message_times, read_tail
 from bagpipe.plan.fragments import cut
 from bagpipe.plan.framing import framing
@@ -19,6 +20,7 @@ from tests.mcap_of_bag import COMPRESSIONS, mcap_of
 from tests.unit.bagpipe.bags import Recorded, steady, write_bag
 
 SECOND = 1_000_000_000
+REINDEX = "(`bagpipe bag reindex BAG --to NEW`)"
 
 
 def tail_of(data: bytes) -> BagTail:
@@ -103,6 +105,25 @@ def written(encoding: str = "ros1", **options: Any) -> bytes:
     return stream.getvalue()
 
 
+def without_summary(data: bytes) -> bytes:
+    """The footer states that there is none."""
+    return data[:-28] + bytes(20) + data[-8:]
+
+
+def reindexed(data: bytes, folder: Path) -> bytes:
+    """What `bagpipe bag reindex` makes of a recording."""
+    (folder / "old.mcap").write_bytes(data)
+    made, _, _ = native("mend_recording", "this test")(
+        folder / "old.mcap", compression="none", memory=1 << 20
+    )
+    return bytes(made)
+
+
+def planned_messages(data: bytes) -> int:
+    """How many messages the chunks have that fragments are planned by."""
+    return sum(sum(chunk.counts.values()) for chunk in tail_of(data).chunks)
+
+
 @pytest.mark.parametrize(
     ("data", "reason", "words"),
     [
@@ -110,8 +131,8 @@ def written(encoding: str = "ros1", **options: Any) -> bytes:
         (written()[:200], "BagCut", "its recorder was stopped"),
         (written()[:11], "BagCut", "byte 8"),
         (b"\x89MCAP0\r\n", "BagCut", "byte 8"),
-        (written(use_chunking=False), "BagNotIndexed", "mcap recover"),
-        (written(index_types=IndexType.CHUNK), "BagNotIndexed", "mcap recover"),
+        (written(use_chunking=False), "BagNotIndexed", REINDEX),
+        (written(index_types=IndexType.CHUNK), "BagNotIndexed", REINDEX),
         (written(repeat_channels=False), "BagNotIndexed", "does not declare channel 1"),
         (b"\x89MCAP1\r\n" + bytes(100), "BagUnreadable", "(MCAP)"),
     ],
@@ -127,6 +148,30 @@ def test_what_cant_be_planned_has_a_reason_and_a_place(
         tail_of(data)
     assert caught.value.reason == reason
     assert words in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("data", "messages"),
+    [
+        (written()[:-1], 10),
+        (written()[:400], 3),
+        (written(use_chunking=False), 10),
+        (written(index_types=IndexType.CHUNK), 10),
+        (written(repeat_channels=False), 10),
+        (without_summary(written()), 10),
+        (written()[:-12] + b"\1" + written()[-11:], 10),
+    ],
+    ids=[
+        "one-byte-short", "cut", "unchunked", "no-message-index", "no-channels", "no-summary",
+        "another-crc",
+    ],
+)  # fmt: skip
+def test_what_cant_be_planned_can_be_once_it_is_reindexed(
+    data: bytes, messages: int, tmp_path: Path
+) -> None:
+    with pytest.raises(BagError):
+        tail_of(data)
+    assert planned_messages(reindexed(data, tmp_path)) == messages
 
 
 def test_a_chunk_index_that_lies_is_refused() -> None:

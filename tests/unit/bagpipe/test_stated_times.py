@@ -13,6 +13,7 @@ from bagpipe.source.bags.truth import chunks_with
 from bagpipe.wire.session import SessionError
 from tests.rosbag2_folders import Form, drive, folder
 from tests.unit.bagpipe.mcap_records import HEAD, channel, mcap
+from tests.unit.bagpipe.test_mcap_planning import REINDEX, reindexed
 from tests.unit.bagpipe.test_rosbag2_planning import STORAGE, planned, source, stream
 
 SECOND = 1_000_000_000
@@ -43,9 +44,20 @@ def test_a_fragment_with_a_chunk_that_states_other_times_ends_as_errored(tmp_pat
     ) as refused:
         list(fragment_file(first, STORAGE).pieces())
     assert refused.value.reason == "BagUnreadable"
+    assert REINDEX in str(refused.value)
     assert b"".join(fragment_file(last, STORAGE).pieces())
     with pytest.raises(BagError, match="a chunk states other times"):
         chunks_with({"/a"}, first, STORAGE)
+
+
+def test_a_recording_that_states_other_times_is_whole_once_it_is_reindexed(tmp_path: Path) -> None:
+    crooked = written(tmp_path / "b.mcap", TIMES[2])
+    (tmp_path / "a.mcap").write_bytes(reindexed(crooked.read_bytes(), tmp_path))
+    chunks = opened((tmp_path / "a.mcap").as_uri(), STORAGE).tail.chunks
+    assert sum(sum(chunk.counts.values()) for chunk in chunks) == 2 * len(TIMES)
+    made = planned(tmp_path / "a.mcap", source())
+    assert made.unplanned == []
+    assert all(b"".join(fragment_file(case, STORAGE).pieces()) for case in made.cases)
 
 
 def test_parts_of_folders_are_compared_too(tmp_path: Path) -> None:

@@ -39,7 +39,7 @@ def check_left_out(
             "BagNotIndexed",
             f"its statistics don't count the messages of each channel, so that {len(left_out):,}"
             f" chunks would have to be looked at, and at most {_MOST_LOOKS:,} are: write it again"
-            " with statistics (`mcap recover`), or choose all topics",
+            " with statistics (`bagpipe bag reindex BAG --to NEW`), or choose all topics",
         )
     for chunk in left_out:
         times(chunk)

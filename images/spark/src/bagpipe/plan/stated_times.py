@@ -51,7 +51,7 @@ def compared(pieces: Iterable[bytes], stated: str) -> Iterator[bytes]:
             "BagUnreadable",
             "a chunk states other times, or has messages of other channels, than the index in the"
             " summary, by which fragments are planned: write it again with chunks, message indexes"
-            " and a summary (`mcap recover`)",
+            " and a summary (`bagpipe bag reindex BAG --to NEW`)",
         )
 
 
