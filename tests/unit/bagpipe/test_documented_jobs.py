@@ -74,17 +74,24 @@ def merged(whole: Any, part: Any) -> Any:
 
 
 def test_the_pod_for_copying_has_the_claims_of_the_job_beside_it() -> None:
-    found = {o["kind"]: o for o in objects_of("tasks/own-stack.md")}
-    spec = SimulationJobSpec.model_validate(found["SimulationJob"]["spec"])
-    pod = found["Pod"]["spec"]
+    objects = objects_of("tasks/own-stack.md")
+    # The page's first job; the second one is its like for ROS 2.
+    ros1, ros2 = (
+        SimulationJobSpec.model_validate(o["spec"])
+        for o in objects
+        if o.get("kind") == "SimulationJob"
+    )
+    [pod] = [o["spec"] for o in objects if o.get("kind") == "Pod"]
     [container] = pod["containers"]
     mounted = {mount["name"]: mount["mountPath"] for mount in container["volumeMounts"]}
     volumes = {v["name"]: v["persistentVolumeClaim"]["claimName"] for v in pod["volumes"]}
     assert {volumes[name]: path for name, path in mounted.items()} == {
-        claim: f"/{claim}" for claim in claims(spec)
+        claim: f"/{claim}" for claim in claims(ros1)
     }
+    assert claims(ros2) == claims(ros1)
     # Any image will do that the nodes have already.
-    assert container["image"] == spec.stack.image
+    assert container["image"] == ros1.stack.image
+    assert ros2.stack.engine == "ros2"
 
 
 def test_the_examples_say_how_a_recording_gets_onto_the_claim() -> None:
