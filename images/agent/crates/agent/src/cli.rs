@@ -17,7 +17,7 @@ use crate::verbs::record::RecordOptions;
 use crate::verbs::reindex;
 use crate::verbs::slice;
 
-/// Replays recorded ROS 1 data into the software under test, beside it in its own container.
+/// Replays recorded data of ROS 1 or 2 into the software under test, beside it in its container.
 #[derive(Debug, Parser)]
 #[command(
     name = "bagpipe-agent",
@@ -25,11 +25,13 @@ use crate::verbs::slice;
     after_help = "The way of a case:\n  \
         1. An init container runs `install`, which puts this binary onto a shared volume.\n  \
         2. The user's own image runs `serve` from there; `ready --wait` is its postStart hook.\n  \
-        3. A Spark worker writes a bag and a case into slots/N/to-agent; the agent\n     \
-           serves a ROS master, starts the user's command, plays, records, proves the\n     \
-           delivery and answers through slots/N/from-agent.\n\n\
+        3. A Spark worker writes a recording and a case into slots/N/to-agent; the agent\n     \
+           starts the user's command, in ROS 1 beside a master and in ROS 2 in a domain of\n     \
+           its own, plays, records, proves the delivery and answers through\n     \
+           slots/N/from-agent.\n\n\
         The image needs the user's nodes, and nothing of Bagpipe; a rosmaster (package\n\
         python3-rosmaster or ros-noetic-rosmaster) only with stack.ros1.master: image.\n\
+        Nodes of ROS 2 are played to by the image's own librcl, or by a DDS of the agent's.\n\
         For cases of the engine `exec` it needs only the user's program, which gets the\n\
         frames on stdin and answers with frames on stdout."
 )]
