@@ -1,5 +1,5 @@
-//! The agent: one static binary that is copied into any ROS 1 image, plays bags into the
-//! user's stack, records what it answers, and supervises it. It meets Spark at a pair of
+//! The agent: one static binary that is put into any image of ROS 1 or ROS 2, plays recordings
+//! into the user's stack, records what it answers, and supervises it. It meets Spark at a pair of
 //! named pipes for each slot; docs/reference/binpipe.md is what they say.
 
 mod case;
