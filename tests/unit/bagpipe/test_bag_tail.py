@@ -88,7 +88,7 @@ def test_a_bag_cut_anywhere_is_refused(two_topics: bytes) -> None:
 def test_the_error_of_a_bag_without_an_index_names_reindex(two_topics: bytes) -> None:
     at = two_topics.index(b"index_pos=") + len(b"index_pos=")
     unindexed = two_topics[:at] + struct.pack("<Q", 0) + two_topics[at + 8 :]
-    with pytest.raises(BagError, match="rosbag reindex") as refused:
+    with pytest.raises(BagError, match="`bagpipe bag reindex BAG --to NEW` writes it") as refused:
         tail_of(unindexed)
     assert refused.value.reason == "BagNotIndexed"
 

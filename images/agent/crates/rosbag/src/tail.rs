@@ -52,13 +52,14 @@ pub fn parse_head(bytes: &[u8], size: u64) -> Result<Head, Refusal> {
         return Err(unreadable("the bag is encrypted: decrypt it with rosbag decrypt"));
     }
     if index_position == 0 {
-        let sentence = "the bag has no index (its recorder was stopped): run rosbag reindex";
+        let sentence = "the bag has no index (its recorder was stopped): `bagpipe bag reindex BAG \
+                        --to NEW` writes it";
         return Err(refused(Reason::NotIndexed, sentence));
     }
     if !(first..=size).contains(&index_position) {
         let sentence = format!(
             "the bag is cut: its index should be at byte {index_position}, but the file ends at \
-             byte {size}: copy it again, or run rosbag reindex"
+             byte {size}: copy it again, or `bagpipe bag reindex BAG --to NEW` saves what is whole"
         );
         return Err(refused(Reason::Cut, sentence));
     }
@@ -91,7 +92,8 @@ pub fn parse_tail(bytes: &[u8], head: &Head) -> Result<Index, Refusal> {
     if (connections.len(), infos.len()) != expected {
         let sentence = format!(
             "the bag is cut: its index at byte {base} holds {} connections and {} chunks, its \
-             header counts {} and {}: copy it again, or run rosbag reindex",
+             header counts {} and {}: copy it again, or `bagpipe bag reindex BAG --to NEW` saves what \
+             is whole",
             connections.len(),
             infos.len(),
             expected.0,
