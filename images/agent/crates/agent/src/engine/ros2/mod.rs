@@ -9,5 +9,6 @@ pub(crate) mod host;
 mod parameters;
 mod players;
 mod roll;
+mod shared_memory;
 mod transports;
 mod zenoh;
