@@ -5,7 +5,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use bagpipe_graph::{LinkState, Share};
-use bagpipe_ros2ledger::{Endpoint, Ledger, LedgerError, ProcessId, Strength};
+use bagpipe_ros2ledger::{Counts, Endpoint, Ledger, LedgerError, Process, ProcessId, Strength};
 
 use crate::subscriptions::{MOST_WAITING, Subscriptions};
 
@@ -260,8 +260,13 @@ impl Link {
     }
 
     /// Whether it has taken nothing more for `UNSEEN`, by which the thread of an executor with several
-    /// may be back that does not take again. Once it was so, it is.
+    /// may be back that does not take again. Once it was so, it is. A single thread takes again or waits.
     fn is_stuck(&self, ledger: &Ledger) -> Result<bool, LedgerError> {
+        let process = self.counted.as_ref().map(|counted| counted.process);
+        let several = |one: &Process| Some(one.id) == process && one.spinners > 1;
+        if !ledger.processes()?.iter().any(several) {
+            return Ok(false);
+        }
         let taken = self.taken(ledger)?.unwrap_or(0);
         let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
         let Last { known, since, stuck } = &mut *last;
@@ -284,16 +289,34 @@ impl Link {
 
     /// Whether the callbacks of all that was sent have ended; `None` where it can't be known, or
     /// something may have been lost. Of who does not report calls it is known that one runs, until
-    /// that has taken so long that it may have ended unseen.
+    /// that has taken so long that it may have ended unseen. What waits while a callback of something
+    /// else runs may be taken behind it.
     pub(crate) fn called_back(&self, ledger: &Ledger) -> Result<Option<bool>, LedgerError> {
-        if !self.reports_calls() {
-            let in_hand = self.in_hand(ledger)? > 0;
-            return Ok((in_hand && !self.is_stuck(ledger)?).then_some(false));
+        let (in_hand, waiting) = (self.in_hand(ledger)?, self.waiting(ledger)?);
+        let known = match (in_hand > 0, self.reports_calls()) {
+            (true, true) => Some(false),
+            (true, false) => (!self.is_stuck(ledger)?).then_some(false),
+            (false, true) if waiting == 0 => Some(true),
+            (false, _) => None,
+        };
+        let behind = known.is_none() && waiting > 0 && self.calls_something(ledger)?;
+        Ok(if behind { Some(false) } else { known })
+    }
+
+    /// Whether a callback is seen to run in its process.
+    fn calls_something(&self, ledger: &Ledger) -> Result<bool, LedgerError> {
+        let Some(process) = self.counted.as_ref().map(|counted| counted.process) else {
+            return Ok(false);
+        };
+        let own = ledger.processes()?.into_iter().find(|one| one.id == process && one.alive);
+        if own.is_none_or(|one| one.others_started > one.others_ended) {
+            return Ok(own.is_some());
         }
-        match (self.in_hand(ledger)?, self.waiting(ledger)?) {
-            (0, 0) => Ok(Some(true)),
-            (0, _) => Ok(None),
-            _ => Ok(Some(false)),
-        }
+        let of_it = |one: &Endpoint| one.process == process && one.strength == Strength::Called;
+        let runs = |one: &Endpoint| {
+            let Counts { started, ended, intra_started, intra_ended, .. } = one.counts;
+            started > ended || intra_started > intra_ended
+        };
+        Ok(ledger.endpoints()?.iter().any(|one| of_it(one) && runs(one)))
     }
 }
