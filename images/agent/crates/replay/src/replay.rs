@@ -211,8 +211,6 @@ fn perform(
     let play = stopwatch.lap(watch.now());
 
     watch.enter(Stage::Drain);
-    // Who came during a play that was shorter than a round has a line as well.
-    let _master_busy = discovery.look();
     let there = present(player.publications());
     let mut proof = rounds.into_proof();
     let drain = Drain { node, request, recorder, since: watch.now() };

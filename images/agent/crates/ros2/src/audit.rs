@@ -31,6 +31,8 @@ impl Audit for Reader {
             let Some(numbers) = links.get(name) else { continue };
             topic.learn_publishers(&endpoints);
             for link in numbers.iter().filter_map(|number| topic.link_with(*number)) {
+                // One that was created just before the last look was not complete by then.
+                link.note_strength(&endpoints);
                 if link.is_unknown(&self.ledger).map_err(failed)? {
                     continue;
                 }

@@ -128,6 +128,13 @@ impl Link {
         Ok(others)
     }
 
+    /// Takes in how far it proves what it takes ([`Subscriptions::note_strength_in`]).
+    pub(crate) fn note_strength(&self, endpoints: &[Endpoint]) {
+        if let Some(counted) = &self.counted {
+            counted.note_strength_in(endpoints);
+        }
+    }
+
     /// Whether it is of this node in this process.
     pub(crate) fn is_of(&self, (process, node): &(ProcessId, String)) -> bool {
         self.node == *node && self.counted.as_ref().is_some_and(|one| one.process == *process)

@@ -250,6 +250,13 @@ impl Subscriptions {
         }
     }
 
+    /// The same of those that count, by what the ledger has by now.
+    pub(crate) fn note_strength_in(&self, endpoints: &[Endpoint]) {
+        let counts = |id| self.of_now(|now| now.counted.iter().any(|one| one.id == id));
+        let those: Vec<&Endpoint> = endpoints.iter().filter(|one| counts(one.id)).collect();
+        self.note_strength(&those);
+    }
+
     /// Takes in which publishers of the topic the stack has by now, and whether there are `uncounted` ones,
     /// of which it is not known what they reach.
     pub(crate) fn learn(&self, publishers: &[&Endpoint], uncounted: bool) {

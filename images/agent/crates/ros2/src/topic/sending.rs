@@ -108,6 +108,7 @@ impl Topic {
             link.note_taken(&self.means.ledger).map_err(|error| failed(&error))?;
         }
         self.sent().add(share, bytes);
+        self.note_unmatched();
         Ok(true)
     }
 

@@ -92,7 +92,7 @@ impl Topic {
             let missed = if behind { missed_behind } else { missed };
             self.welcome(links, owner, subscriptions, (look, missed))?;
         }
-        self.refresh_unmatched(links, look, sent);
+        self.refresh_unmatched(links, sent);
         self.listed.store(look.listed, Ordering::Relaxed);
         Ok(())
     }
@@ -167,19 +167,35 @@ impl Topic {
         self.links().iter().any(|link| link.is_uncounted() && link.node == node)
     }
 
-    /// Those that were waited for in vain, once something was sent that they can't have had.
-    fn refresh_unmatched(&self, links: &mut Vec<Arc<Link>>, look: &Look, sent: Totals) {
+    /// Those that were waited for in vain, once something was `sent` that they can't have had; whether they
+    /// are others than before.
+    fn refresh_unmatched(&self, links: &mut Vec<Arc<Link>>, sent: Totals) -> bool {
         let owners = if sent.messages() > 0 { self.unmatched() } else { BTreeSet::new() };
         let names: BTreeSet<&String> = owners.iter().map(|(_, node)| node).collect();
-        let without = |link: &&Arc<Link>| link.is_unmatched();
-        for link in links.iter().filter(without).filter(|link| !names.contains(&link.node)) {
+        let known: BTreeSet<String> =
+            links.iter().filter(|one| one.is_unmatched()).map(|one| one.node.clone()).collect();
+        for link in links.iter().filter(|one| one.is_unmatched() && !names.contains(&one.node)) {
             link.close();
         }
-        for name in names {
-            if !links.iter().filter(without).any(|link| link.node == *name) {
-                let id = self.means.links.fetch_add(1, Ordering::Relaxed);
-                links.push(Arc::new(Link::unmatched(id, Self::named(links, name, look), sent)));
-            }
+        for name in names.iter().filter(|name| !known.contains(**name)) {
+            let of_name = links.iter().filter(|link| link.node == **name);
+            let instance = of_name.map(|link| link.instance + 1).max().unwrap_or(0);
+            let id = self.means.links.fetch_add(1, Ordering::Relaxed);
+            links.push(Arc::new(Link::unmatched(id, ((*name).clone(), instance), sent)));
+        }
+        !known.iter().eq(names)
+    }
+
+    /// Takes in who has been waited for in vain when a message goes out; who looks at the subscribers
+    /// waits meanwhile.
+    pub(super) fn note_unmatched(&self) {
+        if self.strangers().is_empty() {
+            return;
+        }
+        let mut links = Vec::clone(&self.links());
+        let sent = self.sent().totals;
+        if self.refresh_unmatched(&mut links, sent) {
+            *self.links.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(links);
         }
     }
 
