@@ -1,5 +1,7 @@
 """Where the ego is between its poses, by hand."""
 
+import itertools
+
 import pytest
 
 from bagpipe.evaluate.way import Point, Way, between, drives
@@ -79,7 +81,7 @@ def test_the_parts_of_a_time_begin_and_end_in_it() -> None:
     half, three = (S // 2, (5.0, 7.0)), (3 * S, (30.0, -3.0))
     assert list(way.parts(S // 2, 3 * S)) == [(half, (S, (10.0, 5.0))), ((S, (10.0, 5.0)), three)]
     # From a pose to a pose each is there once.
-    assert list(way.parts(0, 4 * S)) == list(zip(POSES, POSES[1:], strict=False))
+    assert list(way.parts(0, 4 * S)) == list(itertools.pairwise(POSES))
     # Within one part, and at one moment.
     assert list(way.parts(2 * S, 3 * S)) == [((2 * S, (20.0, 1.0)), three)]
     assert list(way.parts(3 * S, 3 * S)) == [(three, three)]
