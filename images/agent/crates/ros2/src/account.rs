@@ -80,6 +80,12 @@ impl<P: Ord> Account<P> {
         self.publishers.values().map(|one| one.publishes.offered).sum()
     }
 
+    /// Whether a call that publishes had begun and not returned at the last look.
+    pub(crate) fn is_under_way(&self) -> bool {
+        let mut each = self.publishers.values().map(|one| one.publishes);
+        each.any(|one| one.offered > one.published)
+    }
+
     /// How many must have been handed on at least, once all that is published by now has come.
     pub(crate) fn due(&self) -> u64 {
         let known = self.publishers.values().filter(|one| one.met >= KNOWN);
@@ -112,6 +118,15 @@ mod tests {
         assert_eq!(after(&[(7, 2), (8, 2), (11, 4)]).due(), 5);
         // Ones on their way for a while stay due.
         assert_eq!(after(&[(7, 2), (8, 2), (12, 4), (12, 4)]).due(), 6);
+    }
+
+    #[test]
+    fn a_call_is_under_way_until_it_has_returned() {
+        let mut account = Account::<u32>::default();
+        for (published, offered, is) in [(0, 0, false), (3, 4, true), (4, 4, false)] {
+            account.look(std::iter::once((1, Publishes { published, offered })), 0, true);
+            assert_eq!(account.is_under_way(), is);
+        }
     }
 
     #[test]

@@ -174,6 +174,16 @@ impl Topic {
         let names: BTreeSet<&String> = owners.iter().map(|(_, node)| node).collect();
         let known: BTreeSet<String> =
             links.iter().filter(|one| one.is_unmatched()).map(|one| one.node.clone()).collect();
+        // Who has matched after all has a line of its own, which lacks what it has not had.
+        let counted = |node: &str, links: &[Arc<Link>]| {
+            links.iter().any(|one| one.counted.is_some() && one.is_open() && one.node == node)
+        };
+        let replaced: BTreeSet<String> = known
+            .iter()
+            .filter(|one| !names.contains(one) && counted(one, links))
+            .cloned()
+            .collect();
+        links.retain(|one| !one.is_unmatched() || !replaced.contains(&one.node));
         for link in links.iter().filter(|one| one.is_unmatched() && !names.contains(&one.node)) {
             link.close();
         }
@@ -281,30 +291,43 @@ impl Topic {
     ) -> bool {
         let there = look.there(Kind::Subscription, &self.info.topic);
         let there = there.filter(|one| self.reaches(one)).count();
-        let there = there + self.links().iter().filter(|link| link.is_uncounted()).count();
+        let uncounted = self.links().iter().filter(|link| link.is_uncounted()).count();
+        let there = there + uncounted;
         let knows_more = |one: &Endpoint, all: u32| all as usize > look.counterparts(one);
         let reported = |one: &&Endpoint| one.matched.is_some_and(|all| knows_more(one, all));
         // Either side may know of the other first, and what is published in between never comes.
         let known_to_us = || self.means.player.subscribers(self.publisher).unwrap_or_default();
-        let mut strangers = self.strangers();
-        let since = *strangers.entry(owner.clone()).or_insert_with(Instant::now);
+        let since = *self.strangers().entry(owner.clone()).or_insert_with(Instant::now);
         let know_us = match known {
             true => since.elapsed() >= RENEWED,
             false => subscriptions.iter().all(reported),
         };
-        if know_us && known_to_us() == there as u64 {
-            strangers.remove(owner);
-            return true;
-        }
         // One of the others may be none that it can match, and who computes for long reports nothing new.
         let some = |one: &&Endpoint| one.matched.is_some_and(|known| known > 0);
-        let matched = known_to_us() == there as u64 || subscriptions.iter().all(some);
-        let believed = since.elapsed() >= UNREPORTED && matched;
-        if believed {
+        let believed = || {
+            let fitting = self.fitting();
+            let fits = |one: &Endpoint| self.reaches(one) && fitting.contains(&one.node);
+            let fit =
+                look.there(Kind::Subscription, &self.info.topic).filter(|one| fits(one)).count();
+            let all_match = known_to_us() >= (fit + uncounted) as u64;
+            fitting.contains(&owner.1) && (all_match || subscriptions.iter().all(some))
+        };
+        let knows = (know_us && known_to_us() == there as u64)
+            || (since.elapsed() >= UNREPORTED && believed());
+        if knows {
             // When it subscribes again it is waited for again.
-            strangers.remove(owner);
+            self.strangers().remove(owner);
         }
-        believed
+        knows
+    }
+
+    /// The nodes that subscribe to it as what is played, in our domain.
+    fn fitting(&self) -> BTreeSet<String> {
+        let nodes = self.means.player.graph().unwrap_or_default();
+        let ours =
+            |(topic, of): &(String, String)| *topic == self.info.topic && *of == self.info.datatype;
+        let those = nodes.into_iter().filter(|one| one.subscribes.iter().any(ours));
+        those.map(|one| one.name).collect()
     }
 
     fn strangers(&self) -> MutexGuard<'_, BTreeMap<Owner, Instant>> {

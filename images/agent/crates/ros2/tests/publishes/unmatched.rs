@@ -77,6 +77,19 @@ fn who_asks_for_another_type_is_named_and_neither_waited_for_nor_proved() {
 }
 
 #[test]
+fn who_spins_late_is_counted_though_another_one_never_matches() {
+    let scene = Scene::new();
+    let other = ["--name", "/other", "--sub", "/in:sensor_msgs/msg/Imu:10:reliable"];
+    let _other = scene.start("standin_node", &other);
+    let planner = ["--name", "/planner", "--sub", &queue("10"), "--spins-late-us", "5000000"];
+    let _planner = scene.start("standin_node", &planner);
+    let ask = Ask { mode: Mode::Max, drain: Duration::from_secs(20), ..DEFAULT };
+    let replayed = scene.play(&recording_of(&strings(RELIABLE), 60, 60), &ask).unwrap();
+    assert_eq!(lines_of(&replayed, "/planner"), [(60, 60, Strength::Called)]);
+    assert_eq!(lines_of(&replayed, "/other"), [(60, 0, Strength::Sent)]);
+}
+
+#[test]
 fn two_processes_of_one_name_have_a_line_each_though_one_had_no_subscription_for_a_while() {
     let scene = Scene::new();
     let first = ["--name", "/first", "--delay-us", "1000", "--sub", &queue("10")];
