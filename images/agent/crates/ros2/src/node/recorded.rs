@@ -175,7 +175,9 @@ impl Graph {
     /// What was due at the end, once it has come or was waited for. What is published by a call that is under
     /// way may have come and is not due: it may stand for one that is lost, of several looks hardly at each.
     pub(super) fn due_at_last(&self) -> Result<Vec<(Arc<Input>, u64)>, GraphError> {
-        for look in 1.. {
+        let mut look = 0;
+        loop {
+            look += 1;
             let due = self.due()?;
             // What goes out at this moment is on its way.
             let missing = || {
@@ -194,7 +196,6 @@ impl Graph {
                 std::thread::sleep(BETWEEN * (look * 37 % MOST_LOOKS) / MOST_LOOKS);
             }
         }
-        self.due()
     }
 }
 

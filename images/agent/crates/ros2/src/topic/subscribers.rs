@@ -167,9 +167,8 @@ impl Topic {
         self.links().iter().any(|link| link.is_uncounted() && link.node == node)
     }
 
-    /// Those that were waited for in vain, once something was `sent` that they can't have had; whether they
-    /// are others than before.
-    fn refresh_unmatched(&self, links: &mut Vec<Arc<Link>>, sent: Totals) -> bool {
+    /// Those that were waited for in vain, once something was `sent` that they can't have had.
+    fn refresh_unmatched(&self, links: &mut Vec<Arc<Link>>, sent: Totals) {
         let owners = if sent.messages() > 0 { self.unmatched() } else { BTreeSet::new() };
         let names: BTreeSet<&String> = owners.iter().map(|(_, node)| node).collect();
         let known: BTreeSet<String> =
@@ -193,18 +192,20 @@ impl Topic {
             let id = self.means.links.fetch_add(1, Ordering::Relaxed);
             links.push(Arc::new(Link::unmatched(id, ((*name).clone(), instance), sent)));
         }
-        !known.iter().eq(names)
     }
 
     /// Takes in who has been waited for in vain when a message goes out; who looks at the subscribers
-    /// waits meanwhile.
+    /// waits meanwhile. A look takes in who has matched after all, or is gone.
     pub(super) fn note_unmatched(&self) {
-        if self.strangers().is_empty() {
-            return;
-        }
-        let mut links = Vec::clone(&self.links());
-        let sent = self.sent().totals;
-        if self.refresh_unmatched(&mut links, sent) {
+        let links = self.links();
+        let has_link = |node: &str| links.iter().any(|one| one.is_unmatched() && one.node == node);
+        let is_new = |(owner, since): (&Owner, &Instant)| {
+            since.elapsed() >= UNREPORTED && !has_link(&owner.1)
+        };
+        if self.strangers().iter().any(is_new) {
+            let mut links = Vec::clone(&links);
+            let sent = self.sent().totals;
+            self.refresh_unmatched(&mut links, sent);
             *self.links.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(links);
         }
     }
