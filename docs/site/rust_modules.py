@@ -138,3 +138,34 @@ def graph(crate: str) -> Graph:
     # The root declares all modules and re-exports from them.
     edges[ROOT] = set()
     return edges
+
+
+def unreachable(source: Path) -> list[str]:
+    """Files below a folder of sources that no module declares, so that nobody compiles them."""
+    found = []
+    for path in sorted(source.rglob("*.rs")):
+        parts = path.relative_to(source).with_suffix("").parts
+        if parts in {("lib",), ("main",)}:
+            continue
+        *above, name = parts[:-1] if parts[-1] == "mod" else parts
+        parents = [source.joinpath(*above, "mod.rs"), source.joinpath(*above).with_suffix(".rs")]
+        parents += [source / "lib.rs", source / "main.rs"] if not above else []
+        declared = re.compile(rf"\bmod {name};")
+        if not any(declared.search(_text(parent)) for parent in parents):
+            found.append(str(path.relative_to(source)))
+    return found
+
+
+def undeclared_of_tests(crate: str) -> list[str]:
+    """Files below a folder of a crate's tests that no test of any crate declares."""
+    tests = CRATES / crate / "tests"
+    declared = set()
+    for path in CRATES.glob("*/tests/**/*.rs"):
+        declared |= set(re.findall(r"\bmod (\w+);", _text(path)))
+    below = [path for path in sorted(tests.rglob("*.rs")) if path.parent != tests]
+    named = [(path, path.parent.name if path.stem == "mod" else path.stem) for path in below]
+    return [str(path) for path, name in named if name not in declared | {"main"}]
+
+
+def _text(path: Path) -> str:
+    return _NO_CODE.sub("", path.read_text()) if path.is_file() else ""

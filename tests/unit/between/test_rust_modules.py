@@ -1,10 +1,22 @@
 """The agent's crates have no circles of modules, and folders that depend in one direction."""
 
 from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
 
 import pytest
 
-from docs.site.rust_modules import ROOT, Graph, absolute, crates, graph, trees, without_tests
+from docs.site.rust_modules import (
+    CRATES,
+    ROOT,
+    Graph,
+    absolute,
+    crates,
+    graph,
+    trees,
+    undeclared_of_tests,
+    unreachable,
+    without_tests,
+)
 
 # Each knows those after it.
 AGENT = ("cli", "verbs", "serve", "metrics", "engine", "stack", "case", "formats", "size", ROOT)
@@ -55,6 +67,22 @@ def test_no_modules_of_a_crate_are_a_circle(crate: str) -> None:
     edges = graph(crate)
     assert sum(map(len, edges.values())) >= LEAST_EDGES.get(crate, 1)
     assert circle(joined(edges, TOGETHER.get(crate, []))) == []
+
+
+@pytest.mark.parametrize("crate", crates())
+def test_each_file_of_a_crate_is_compiled(crate: str) -> None:
+    assert unreachable(CRATES / crate / "src") == []
+    assert undeclared_of_tests(crate) == []
+
+
+def test_a_file_that_no_module_declares_is_found(tmp_path: Path) -> None:
+    for name, text in {
+        "lib.rs": "mod a;\nmod b;\n// mod lost;\n", "a.rs": "mod inner;", "a/inner.rs": "",
+        "a/tests.rs": "", "b/mod.rs": "#[cfg(test)]\nmod tests;", "b/tests.rs": "", "lost.rs": "",
+    }.items():  # fmt: skip
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+    assert unreachable(tmp_path) == ["a/tests.rs", "lost.rs"]
 
 
 def test_the_agent_s_folders_depend_in_one_direction() -> None:

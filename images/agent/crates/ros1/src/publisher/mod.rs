@@ -362,3 +362,6 @@ fn advance<'a, 'b>(frames: &'a [&'b [u8]], mut written: usize) -> (&'a [&'b [u8]
     }
     (left, written)
 }
+
+#[cfg(test)]
+mod tests;
