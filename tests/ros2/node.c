@@ -4,6 +4,7 @@
  * go on. */
 #define _GNU_SOURCE
 #include "node.h"
+#include "rcl_timer.h"
 
 #include <dlfcn.h>
 #include <signal.h>
@@ -226,12 +227,22 @@ static void say_on_all(uint64_t times) {
     for (uint64_t time = 0; time < times && !publishers[one].relays; time++) say(&publishers[one]);
 }
 
+/* As an executor calls a timer: once it is marked as called, its callback. */
+static void call_timer(void) {
+  struct rcl_clock clock = {asked.timer, asked.timer == CLOCK_ROS_TIME};
+  struct rcl_timer timer = {&clock};
+  if (rcl_timer_call(&timer) != 0) fail("no timer");
+  TRACE(ros_trace_callback_start(&asked.timer, false));
+  say_on_all(1);
+  TRACE(ros_trace_callback_end(&asked.timer));
+}
+
 static void *talk(void *unused) {
   (void)unused;
   say_on_all(asked.burst);
   while (!ending && asked.every_us > 0) {
     sleep_us(asked.every_us);
-    say_on_all(1);
+    asked.timer == 0 ? say_on_all(1) : call_timer();
   }
   return NULL;
 }

@@ -43,6 +43,7 @@ struct asked {
   } relay[MOST];
   int relays, threads;
   bool sim_time, overlaps;
+  int timer; /* the clock of the timer by which it publishes, or 0: a thread does */
   uint64_t delay_us, spins_late_us, first_us, die_after, drop_every, renew_every, apart_us, answers, burst, every_us,
       doze_every, answers_from;
   char counts[512];

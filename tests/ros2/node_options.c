@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "node.h"
+#include "rcl_timer.h"
 
 static const char usage[] =
     "--name [/NAMESPACE]/NAME   the node\n"
@@ -40,6 +41,7 @@ static const char usage[] =
     "--origins gid|none     messages have their publisher as other middlewares give it, or not at all\n"
     "--burst N              Strings at once on each publisher that no relay has\n"
     "--every-us N           and then one after the other, by a thread outside of callbacks\n"
+    "--timer wall|ros       in callbacks of a timer of the machine's clock, or of ROS' simulated time\n"
     "--life-cycle STATE     has one, which begins inactive or active and goes on by SIGUSR1\n"
     "--leave-after N        is made inactive in the callback of the Nth message of a topic\n"
     "--count-to FILE        where its own counts go at its end: lines of\n"
@@ -137,6 +139,8 @@ static void value(const char *option, const char *text) {
   else if (!strcmp(option, "--die-after")) asked.die_after = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--burst")) asked.burst = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--every-us")) asked.every_us = strtoull(text, NULL, 10);
+  else if (!strcmp(option, "--timer"))
+    asked.timer = !strcmp(text, "wall") ? CLOCK_STEADY_TIME : CLOCK_ROS_TIME;
   else if (!strcmp(option, "--threads")) asked.threads = atoi(text);
   else if (!strcmp(option, "--meets-late-ms")) setenv(MEETS_LATE, text, 1);
   else if (!strcmp(option, "--lists-late-ms")) setenv(LISTS_LATE, text, 1);

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::process::{Command, ExitCode};
 
-const SOURCES: [&str; 11] = [
+const SOURCES: [&str; 12] = [
     "addresses.c",
     "attach.c",
     "count.c",
@@ -14,6 +14,7 @@ const SOURCES: [&str; 11] = [
     "origin.c",
     "rmw.c",
     "slices.c",
+    "timer.c",
     "trace.c",
 ];
 // glibc before 2.34 has dlsym in libdl, of which newer ones keep an empty one: named by its file,

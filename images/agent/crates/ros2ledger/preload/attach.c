@@ -102,6 +102,7 @@ static uint32_t claim_process(struct ledger *ledger) {
       atomic_store(&process->spinners, 0);
       atomic_store(&process->others_started, 0);
       atomic_store(&process->others_ended, 0);
+      atomic_store(&process->machine_timers, 0);
       atomic_store(&process->state, PROCESS_LIVE);
       mine = entry;
     }

@@ -210,6 +210,12 @@ void count_end(const void *callback) {
   }
 }
 
+void count_machine_timer(void) {
+  uint32_t entry;
+  struct ledger *ledger = attached(&entry);
+  if (ledger != NULL) atomic_fetch_add(&ledger->process[entry].machine_timers, 1);
+}
+
 void count_enter(void) { self.inside++; }
 
 /* 0 already: a child began inside of its parent's call. */

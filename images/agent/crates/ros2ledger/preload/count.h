@@ -30,6 +30,9 @@ void count_wait(void);
 void count_start(const void *callback, bool intra);
 void count_end(const void *callback);
 
+/* A timer was called that goes by the machine's clock. */
+void count_machine_timer(void);
+
 /* Calls into rmw that are inside of another: only the outermost counts. */
 void count_enter(void);
 /* Whether the call that ends here was the outermost. */

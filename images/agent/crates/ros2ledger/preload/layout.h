@@ -5,7 +5,7 @@
 #include <stdint.h>
 
 #define LEDGER_MAGIC 0x3152444c50474142ull /* "BAGPLDR1" */
-#define LEDGER_VERSION 7u
+#define LEDGER_VERSION 8u
 #define LEDGER_PROCESSES 512u
 #define LEDGER_ENDPOINTS 4096u
 #define LEDGER_NAME_BYTES 256u
@@ -61,7 +61,8 @@ struct ledger_process {
   _Atomic uint64_t others_started; /* callbacks of no subscription: timers, services */
   _Atomic uint64_t others_ended;
   _Atomic uint64_t stack; /* where it begins: field 28, which exec changes */
-  _Atomic uint32_t reserved_words[4];
+  _Atomic uint64_t machine_timers; /* calls of timers that go by the machine's clock */
+  _Atomic uint32_t reserved_words[2];
 };
 
 struct ledger_endpoint {

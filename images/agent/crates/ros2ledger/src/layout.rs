@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicI64, AtomicU8, AtomicU32, AtomicU64};
 
 /// `BAGPLDR1`.
 pub(crate) const MAGIC: u64 = 0x3152_444c_5047_4142;
-pub(crate) const VERSION: u32 = 7;
+pub(crate) const VERSION: u32 = 8;
 pub(crate) const PROCESSES: usize = 512;
 pub(crate) const ENDPOINTS: usize = 4096;
 pub(crate) const NAME_BYTES: usize = 256;
@@ -64,7 +64,8 @@ pub(crate) struct ProcessEntry {
     pub(crate) others_started: AtomicU64,
     pub(crate) others_ended: AtomicU64,
     pub(crate) stack: AtomicU64,
-    pub(crate) reserved_words: [AtomicU32; 4],
+    pub(crate) machine_timers: AtomicU64,
+    pub(crate) reserved_words: [AtomicU32; 2],
 }
 
 #[repr(C)]
@@ -140,7 +141,7 @@ mod tests {
             listings: u32, own_published: u32, reserved_wanted: [u32; 6]);
         all.extend(fields!(ProcessEntry, "ledger_process", pid: u32, state: u32, start: u64,
             unlisted_endpoints: u32, spinners: u32, others_started: u64, others_ended: u64,
-            stack: u64, reserved_words: [u32; 4]));
+            stack: u64, machine_timers: u64, reserved_words: [u32; 2]));
         all.extend(
             fields!(EndpointSlot, "ledger_endpoint", state: u32, generation: u32, kind: u32,
             flags: u32, history: u32, reliability: u32, durability: u32, thread: u32, depth: u64,

@@ -236,7 +236,17 @@ impl Ledger {
             return Err(self.damaged(process, (at, what)));
         }
         let spinners = process.spinners.load(SeqCst);
-        Ok(Some(Process { id, alive: false, unlisted, spinners, others_started, others_ended }))
+        let machine_timers = process.machine_timers.load(SeqCst);
+        let alive = false;
+        Ok(Some(Process {
+            id,
+            alive,
+            unlisted,
+            spinners,
+            others_started,
+            others_ended,
+            machine_timers,
+        }))
     }
 
     /// Whether this program runs: its process does, and has become no other one.

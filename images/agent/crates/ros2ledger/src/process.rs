@@ -29,6 +29,9 @@ pub struct Process {
     pub others_started: u64,
     /// Those that ended.
     pub others_ended: u64,
+    /// Calls of timers that go by the machine's clock, whatever time the process is shown: wall timers,
+    /// and those of ROS' time where nobody simulates it. Not those of a process without an endpoint yet.
+    pub machine_timers: u64,
 }
 
 /// How far a delivery to an endpoint is proved; the stronger is the greater.

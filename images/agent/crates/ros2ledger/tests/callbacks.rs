@@ -97,6 +97,34 @@ fn callbacks_of_timers_are_counted_for_their_process_alone() {
 }
 
 #[test]
+fn timers_are_counted_that_go_by_the_machine_s_clock() {
+    for client in [Client::Rclcpp, Client::Component, Client::Rclpy] {
+        let ledger = Ledger::new().unwrap();
+        let mut node = Node::start(client, &ledger);
+        // Without an endpoint there is no process yet.
+        node.obey(&["fire / 5 steady", "sub /scan 10"]);
+        let calls = || only_process(&ledger).machine_timers;
+        for (fired, expected) in [
+            ("fire / 7 steady", 7),
+            ("fire / 4 system", 11),
+            ("fire / 3 simulated", 11),
+            ("fire / 2 cancelled", 11),
+            // ROS' time, where nobody simulates it.
+            ("fire / 6 ros", 17),
+        ] {
+            node.obey(&[fired]);
+            assert_eq!(calls(), expected, "{client:?} {fired}");
+        }
+        node.kill();
+        ledger.retire().unwrap();
+        // Another process has its place, and begins from 0.
+        let mut next = Node::start(client, &ledger);
+        next.obey(&["sub /scan 10"]);
+        assert_eq!(calls(), 0);
+    }
+}
+
+#[test]
 fn what_rclcpp_takes_and_throws_away_is_in_hand_until_the_thread_waits_again() {
     let ledger = Ledger::new().unwrap();
     let mut node = Node::start(Client::Rclcpp, &ledger);

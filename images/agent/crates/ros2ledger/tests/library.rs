@@ -50,6 +50,8 @@ fn it_stands_before_these_functions_and_no_other() {
         .map(|words| words[7].to_owned())
         .collect();
     let expected = [
+        "rcl_timer_call",
+        "rcl_timer_call_with_info",
         "rmw_create_publisher",
         "rmw_create_subscription",
         "rmw_destroy_guard_condition",

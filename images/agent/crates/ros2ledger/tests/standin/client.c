@@ -14,6 +14,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "rcl.h"
 #include "rmw.h"
 #ifdef WITHOUT_TRACEPOINTS
 #define TRACE(call) ((void)0)
@@ -159,6 +160,17 @@ static void tick(struct publisher *to) {
   }
   if (atomic_exchange(&nest, 0)) spin_once(0);
   TRACE(ros_trace_callback_end(&timer));
+}
+
+/* Calls a timer of that clock so often, by both functions in turn. */
+static void fire(const char *of, uint64_t times) {
+  struct rcl_clock clock = {CLOCK_ROS_TIME, strcmp(of, "simulated") == 0};
+  struct rcl_timer timer = {&clock, strcmp(of, "cancelled") == 0, 0};
+  struct rcl_timer_info info;
+  if (strcmp(of, "steady") == 0) clock.type = CLOCK_STEADY_TIME;
+  if (strcmp(of, "system") == 0) clock.type = CLOCK_SYSTEM_TIME;
+  for (uint64_t i = 0; i < times; i++)
+    i % 2 == 0 ? rcl_timer_call(&timer) : rcl_timer_call_with_info(&timer, &info);
 }
 
 /* A copy of what came within the process: rclcpp takes it and calls nothing. */
@@ -389,6 +401,7 @@ static void obey(char **argv, const char *verb, const char *topic, uint64_t n, c
   else if (!strcmp(verb, "inside")) destroy_inside = 1;
   else if (!strcmp(verb, "tick"))
     while (n-- > 0) tick(strcmp(topic, "/") == 0 ? NULL : publisher_on(topic));
+  else if (!strcmp(verb, "fire")) fire(way, n);
   else if (!strcmp(verb, "discard"))
     while (n-- > 0) take_away(subscription_on(topic));
   else if (!strcmp(verb, "brief")) { /* a thread that takes one and ends */

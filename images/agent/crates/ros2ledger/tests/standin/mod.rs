@@ -90,8 +90,9 @@ fn build(folder: &Path, middleware: Middleware) {
     };
     compile(folder, "librmw_implementation.so", source, &[&library[..], with].concat());
     compile(folder, "libtracetools.so", "tracetools.c", &library);
-    let rmw = ["-lrmw_implementation"];
-    let both = ["-lrmw_implementation", "-ltracetools"];
+    compile(folder, "librcl.so", "rcl.c", &library);
+    let rmw = ["-lrmw_implementation", "-lrcl"];
+    let both = ["-lrmw_implementation", "-lrcl", "-ltracetools"];
     compile(folder, "node", "client.c", &both);
     compile(folder, "component.so", "client.c", &[&library[..], &both].concat());
     let without = [&library[..], &["-DWITHOUT_TRACEPOINTS"], &rmw].concat();
