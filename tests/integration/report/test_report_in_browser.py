@@ -412,12 +412,15 @@ def test_a_case_that_passed_has_its_courses_delivery_and_timings(
     browser: webdriver.Chrome, page: Path
 ) -> None:
     rows = drive_rows(288)
-    opened(browser, page, rows)
     passed = next(row for row in rows if row["outcome"] == "passed")
+    passed["result"]["playback"] = {"warnings": ["<b>two</b> ask"], "pace": "/slow set the pace"}
+    opened(browser, page, rows)
     case = case_of(browser, passed["case"])
     assert len(case.find_elements(By.CSS_SELECTOR, ".plot .own")) == 3
     assert case.find_elements(By.CSS_SELECTOR, ".plot .moment, .legend .first") == []
     assert "Delivery" in case.text
+    notes = [note.text for note in case.find_elements(By.CSS_SELECTOR, "p.note")]
+    assert notes[-2:] == ["<b>two</b> ask", "/slow set the pace"]
     assert "Seconds of its parts" in case.text
     assert f"{drives.TIMINGS['master']}" in case.text
 

@@ -402,6 +402,17 @@ def test_a_detail_has_bounds() -> None:
     assert (len(shown["ledger"]), shown["timings"]) == (1000, {"play": 1.0})
 
 
+def test_what_users_should_know_of_the_way_a_case_was_played_stands_beside_its_delivery() -> None:
+    pace = "/slow set the pace"
+    played = {"warnings": ["/two subscribes to /a as another type"], "pace": pace}
+    shown = detail_of(make_row("a", result={"playback": played}))
+    assert shown["notes"] == ["/two subscribes to /a as another type", pace]
+    long = {"warnings": ["w" * 900] * 30, "pace": None}
+    notes = detail_of(make_row("a", result={"playback": long}))["notes"]
+    assert (len(notes), {len(note) for note in notes}) == (20, {500})
+    assert detail_of(make_row("a"))["notes"] == []
+
+
 def test_the_evidence_of_a_case_that_does_not_count_is_shown() -> None:
     topic = {"topic": "/a", "sent": 3, "subscribers": [{"node": "/n", "received": 2}]}
     evidence = {"ledger": {"topics": [topic]}}

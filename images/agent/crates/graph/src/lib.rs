@@ -12,6 +12,7 @@ mod evidence;
 mod incoming;
 mod middleware;
 mod publication;
+mod waits;
 
 pub use error::GraphError;
 pub use evidence::{Audit, Received};
@@ -20,3 +21,4 @@ pub use middleware::{Middleware, Node, NodeOptions, PacedBy, Seen, SystemState};
 pub use publication::{
     Cancelled, FarEnd, LinkState, Outlet, Publication, SendError, Share, TopicInfo,
 };
+pub use waits::Waits;

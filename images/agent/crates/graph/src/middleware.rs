@@ -131,6 +131,12 @@ pub trait Node: Send + Sync {
         Vec::new()
     }
 
+    /// Why what others publish in lock-step may differ from run to run, as sentences; none where nobody
+    /// knows.
+    fn undetermined(&self) -> Vec<String> {
+        Vec::new()
+    }
+
     /// What others have published on the topics subscribed to and did not reach us, as sentences;
     /// none where nobody counts it.
     fn lacking(&self) -> Vec<String> {

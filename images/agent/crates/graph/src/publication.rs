@@ -53,7 +53,7 @@ pub enum SendError {
 }
 
 /// One subscriber's connection, as seen from here.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct LinkState {
     /// Distinguishes connections of the same node.
     pub id: u64,
@@ -70,6 +70,10 @@ pub struct LinkState {
     pub counted_bytes: u64,
     /// Whether the connection still stands.
     pub open: bool,
+    /// How long was waited until it had room for more, since the first counted message.
+    pub held_up: Duration,
+    /// The most messages that may wait at it; `None` where no queue of its own bounds them.
+    pub room: Option<u64>,
 }
 
 /// What is known of one subscriber's connection without asking its node.

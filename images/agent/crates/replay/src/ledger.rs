@@ -9,6 +9,9 @@ use crate::outcome::{Ledger, LedgerSubscriber, LedgerTopic, Strength};
 use crate::play::Played;
 use crate::prove::{Known, Proof};
 
+/// The part of a play that is waited for a subscriber, from which on it sets the pace.
+const LEAST: f64 = 0.1;
+
 /// Adds up. `present` are the connections that existed when the last message was played;
 /// whoever came later could not have received anything and is no subscriber of the case.
 pub(crate) fn ledger(
@@ -47,6 +50,27 @@ pub(crate) fn ledger(
 }
 
 impl Ledger {
+    /// Which subscriber the play waited for the longest, at least for a tenth of these seconds that it
+    /// took.
+    pub(crate) fn pace(&self, played_seconds: f64) -> Option<String> {
+        let lines = self.topics.iter().flat_map(|topic| {
+            topic.subscribers.iter().map(move |line| (line.held_up_seconds, &topic.topic, line))
+        });
+        let slowest = lines.max_by(|one, other| one.0.total_cmp(&other.0));
+        let (held, topic, line) = slowest.filter(|one| one.0 >= LEAST * played_seconds)?;
+        if held <= 0.0 {
+            return None;
+        }
+        let rate = line.received as f64 / played_seconds.max(held);
+        let room = |most| format!(", of which at most {most} may wait at it");
+        let room = line.room.map(room).unwrap_or_default();
+        Some(format!(
+            "{} set the pace: the play waited {held:.3} of {played_seconds:.3} s until it had taken more of \
+             {topic}{room}, and it took {rate:.1} a second",
+            line.node
+        ))
+    }
+
     /// Adds how many seconds each node's threads waited for a processor.
     pub(crate) fn add_waits(&mut self, seconds: &BTreeMap<String, f64>) {
         for line in self.topics.iter_mut().flat_map(|topic| &mut topic.subscribers) {
@@ -71,6 +95,8 @@ fn add(nodes: &mut BTreeMap<(String, u32), LedgerSubscriber>, link: &LinkState, 
     line.strength = line.strength.min(strength);
     line.received += known.reached(link);
     line.bytes += link.counted_bytes;
+    line.held_up_seconds += link.held_up.as_secs_f64();
+    line.room = line.room.into_iter().chain(link.room).min();
 }
 
 fn settle(mut line: LedgerSubscriber, sent: u64) -> LedgerSubscriber {

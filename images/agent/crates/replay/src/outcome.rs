@@ -103,6 +103,13 @@ pub struct LedgerSubscriber {
     /// How long the node's threads could have run from the window's start until its messages were
     /// received, and had no processor; summed over threads, `None` if that can't be known.
     pub waited_seconds: Option<f64>,
+    /// How long the play waited until it had room for more, in seconds, from the first message of the
+    /// window on.
+    #[serde(default)]
+    pub held_up_seconds: f64,
+    /// The most messages that may wait at it; `None` where no queue of its own bounds them.
+    #[serde(default)]
+    pub room: Option<u64>,
 }
 
 /// What was recorded.
@@ -148,6 +155,9 @@ pub struct Playback {
     /// What the user should know of the way it was played, as sentences.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<String>,
+    /// In `max`, which subscriber set the pace, as a sentence; `None` where none did.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pace: Option<String>,
 }
 
 /// What came of the steps with one answer: `released == answered + no_output + skipped`.

@@ -298,7 +298,7 @@ mod tests {
 
     fn link(lead_in: u64, counted: u64) -> LinkState {
         let node = "/n".to_owned();
-        LinkState { id: 1, node, instance: 0, lead_in, counted, counted_bytes: 0, open: true }
+        LinkState { id: 1, node, lead_in, counted, open: true, ..LinkState::default() }
     }
 
     fn reported(messages: u64, drops: Option<u64>) -> Option<Received> {

@@ -388,11 +388,15 @@ fn report(
     mode: Mode,
 ) -> Playback {
     playback.warnings = warnings(ledger, mode);
+    playback.pace = (mode == Mode::Max).then(|| ledger.pace(playback.played_seconds)).flatten();
     let topics = player.publications().iter();
     let refused: BTreeSet<String> = topics.flat_map(|topic| topic.refused()).collect();
     playback.warnings.extend(refused);
     playback.warnings.extend(discovery.restarted());
     playback.warnings.extend(discovery.node.remarks());
+    if mode == Mode::Lockstep {
+        playback.warnings.extend(discovery.node.undetermined());
+    }
     let (steps, unpaired) = player.end_steps();
     playback.steps = steps;
     playback.warnings.extend(unpaired);

@@ -79,7 +79,16 @@ impl Node for Member {
     fn advertise(&self, info: TopicInfo) -> Result<Arc<dyn Publication>, GraphError> {
         let node = STACK.to_owned();
         let (instance, lead_in, counted, counted_bytes) = (0, 0, 0, 0);
-        let link = LinkState { id: 1, node, instance, lead_in, counted, counted_bytes, open: true };
+        let link = LinkState {
+            id: 1,
+            node,
+            instance,
+            lead_in,
+            counted,
+            counted_bytes,
+            open: true,
+            ..LinkState::default()
+        };
         let sink = Arc::clone(&self.sink);
         let topic = Relayed { info, sink, link: Mutex::new(link), deaf: self.deaf };
         let topic = Arc::new(topic);

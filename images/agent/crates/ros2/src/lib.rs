@@ -37,6 +37,7 @@ mod subscriptions;
 mod succession;
 mod taken;
 mod topic;
+mod undetermined;
 
 pub use middleware::Ros2;
 pub use options::Ros2Options;

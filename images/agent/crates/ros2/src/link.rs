@@ -28,6 +28,8 @@ pub(crate) struct Link {
     /// What it had taken, whoever published it, when our last message went out beside others; before one
     /// did, more than anybody takes.
     taken_before: AtomicU64,
+    /// How long was waited until it had room, in ns.
+    held_up: AtomicU64,
     last: Mutex<Last>,
 }
 
@@ -90,8 +92,8 @@ impl Link {
         let (open, sent) = (AtomicBool::new(true), Mutex::new(sent));
         let last = Mutex::new(Last { known: 0, since: Instant::now(), stuck: false });
         let taken_before = AtomicU64::new(u64::MAX);
-        let unmatched = false;
-        Link { id, node, instance, counted, unmatched, open, sent, taken_before, last }
+        let (unmatched, held_up) = (false, AtomicU64::new(0));
+        Link { id, node, instance, counted, unmatched, open, sent, taken_before, held_up, last }
     }
 
     /// A link to somebody who subscribes and has not matched us, of all that was `sent`.
@@ -199,6 +201,15 @@ impl Link {
         self.totals().add(share, bytes);
     }
 
+    /// Takes in how long was waited until it had room. Before the first message of the window nobody
+    /// is held up.
+    pub(crate) fn hold_up(&self, time: Duration) {
+        if self.totals().window > 0 {
+            let nanoseconds = u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
+            self.held_up.fetch_add(nanoseconds, Ordering::Relaxed);
+        }
+    }
+
     fn totals(&self) -> MutexGuard<'_, Totals> {
         self.sent.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -213,6 +224,8 @@ impl Link {
             counted: window,
             counted_bytes: window_bytes,
             open: self.is_open(),
+            held_up: Duration::from_nanos(self.held_up.load(Ordering::Relaxed)),
+            room: None,
         }
     }
 

@@ -44,6 +44,22 @@ class LedgerSubscriber(TypedDict):
             " can't be known."
         ),
     ]
+    held_up_seconds: NotRequired[
+        Annotated[
+            Elapsed,
+            default(
+                0.0, "Seconds that the play waited until it had room, from the window's start on."
+            ),
+        ]
+    ]
+    room: NotRequired[
+        Annotated[
+            Natural | None,
+            default(
+                None, "The most messages that may wait at it; nil where no queue of its own counts."
+            ),
+        ]
+    ]
 
 
 @open_map
@@ -159,6 +175,12 @@ class Playback(TypedDict):
     warnings: NotRequired[
         Annotated[
             list[str], default([], "Sentences on the way it was played that users should know.")
+        ]
+    ]
+    pace: NotRequired[
+        Annotated[
+            str | None,
+            default(None, "In max, which subscriber set the pace, as a sentence; nil: none did."),
         ]
     ]
 

@@ -42,6 +42,7 @@ _MOST_STARTS = 10
 _MOST_RUNS = 50
 _MOST_TIMINGS = 50
 _MOST_RECORDED = 20
+_MOST_NOTES = 20
 
 
 class Details:
@@ -166,6 +167,7 @@ def detail_of(row: Row) -> dict[str, Any]:
             run_words(run)[:_LINE_CHARACTERS] for run in discarded_runs(row)[:_MOST_RUNS]
         ],
         "strength": str(ledger.get("strength") or ""),
+        "notes": _notes(result.get("playback") or {}),
         "machine": _machine(result.get("machine") or evidence.get("machine") or {}),
         "lost": [lost_start(start) for start in (evidence.get("starts") or [])[:_MOST_STARTS]],
         "timings": {
@@ -220,6 +222,13 @@ def _machine(machine: Mapping[str, Any]) -> dict[str, Any]:
             if name.endswith("_seconds") and is_finite(figure)
         },
     }
+
+
+def _notes(playback: Mapping[str, Any]) -> list[str]:
+    """What users should know of the way it was played, as sentences."""
+    warnings = list(playback.get("warnings") or [])[:_MOST_NOTES]
+    notes = [*warnings, *filter(None, [playback.get("pace")])]
+    return [str(note)[:_LINE_CHARACTERS] for note in notes]
 
 
 def _ledger(ledger: Mapping[str, Any]) -> list[dict[str, Any]]:

@@ -31,5 +31,6 @@ pub fn table(replayed: &Replayed) -> String {
         ));
     }
     lines.extend(replayed.playback.warnings.iter().cloned());
+    lines.extend(replayed.playback.pace.clone());
     lines.join("\n") + "\n"
 }

@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
+use std::time::Duration;
 
 use bagpipe_graph::{LinkState, Publication};
 
@@ -164,4 +165,45 @@ fn who_has_called_back_for_all_has_nothing_left_to_call_back_for() {
 fn without_a_subscriber_nothing_is_proved() {
     let found = of(&[("/a", &[], (0, 5))], &Words::default());
     assert_eq!((found.strength, found.sent, found.received, found.dropped), (None, 0, 0, 0));
+}
+
+#[test]
+fn who_was_waited_for_the_longest_set_the_pace_if_for_a_tenth_of_the_play() {
+    let held = |id, node, seconds, room| LinkState {
+        held_up: Duration::from_secs_f64(seconds),
+        room,
+        ..link(id, node, (0, 100))
+    };
+    let words = Words::default();
+    words.say("/one", ("/a", 1), 100, Some(0));
+    words.say("/two", ("/b", 2), 90, Some(0));
+    let pace = |seconds: (f64, f64)| {
+        let links = [
+            ("/a", &[held(1, "/one", seconds.0, None)][..], (0, 100)),
+            ("/b", &[held(2, "/two", seconds.1, Some(10))], (0, 100)),
+        ];
+        of(&links, &words).pace(4.0)
+    };
+    let one = "/one set the pace: the play waited 3.000 of 4.000 s until it had taken more of /a, and \
+               it took 25.0 a second";
+    let two = "/two set the pace: the play waited 2.500 of 4.000 s until it had taken more of /b, of \
+               which at most 10 may wait at it, and it took 22.5 a second";
+    assert_eq!(pace((3.0, 2.5)).as_deref(), Some(one));
+    assert_eq!(pace((2.0, 2.5)).as_deref(), Some(two));
+    assert!(pace((0.4, 0.3)).is_some());
+    assert_eq!(pace((0.399, 0.3)), None);
+    assert_eq!(of(&[("/a", &[link(1, "/one", (0, 0))], (0, 0))], &words).pace(0.0), None);
+}
+
+#[test]
+fn a_node_that_came_back_was_waited_for_in_both_of_its_stays() {
+    let held = |id, ms, room| LinkState {
+        held_up: Duration::from_millis(ms),
+        room,
+        ..link(id, "/one", (0, 50))
+    };
+    let links = [left(held(1, 250, Some(10))), held(2, 500, Some(7))];
+    let found = of(&[("/a", &links, (0, 100))], &Words::default());
+    let line = &found.topics[0].subscribers[0];
+    assert_eq!((line.held_up_seconds, line.room), (0.75, Some(7)));
 }

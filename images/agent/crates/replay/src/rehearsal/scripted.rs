@@ -82,7 +82,8 @@ impl Publication for Scripted {
 /// An open connection of a node, over which so many messages of the lead-in and of the window went.
 pub(super) fn link(id: u64, node: &str, (lead_in, counted): (u64, u64)) -> LinkState {
     let node = node.to_owned();
-    LinkState { id, node, instance: 0, lead_in, counted, counted_bytes: 10 * counted, open: true }
+    let counted_bytes = 10 * counted;
+    LinkState { id, node, lead_in, counted, counted_bytes, open: true, ..LinkState::default() }
 }
 
 /// A connection that no longer stands.

@@ -13,6 +13,7 @@ use std::time::{Duration, Instant};
 
 use bagpipe_graph::{
     Cancelled, FarEnd, LinkState, Outlet, Publication as Advertised, SendError, Share, TopicInfo,
+    Waits,
 };
 
 use crate::header::ConnectionHeader;
@@ -58,10 +59,21 @@ impl Links {
         self.all.iter().filter(|link| link.state.open)
     }
 
-    /// Bytes that the slowest subscriber has not read: in our sockets, or in its own where it is
-    /// on this machine.
-    fn unread(&self) -> u64 {
-        self.open().map(Link::unread).max().unwrap_or(0)
+    /// Bytes that the slowest subscriber has not read, in our sockets, or in its own where it is on
+    /// this machine; and which one it is. 0 and 0 without any.
+    fn unread(&self) -> (u64, u64) {
+        self.open().map(|link| (link.unread(), link.state.id)).max().unwrap_or_default()
+    }
+
+    /// Takes in, once a wait is over, for whom it was.
+    fn hold_up(&mut self, mut waits: Waits) {
+        waits.end(Instant::now());
+        for (id, time) in waits.into_all() {
+            self.all
+                .iter_mut()
+                .filter(|link| link.state.id == id)
+                .for_each(|link| link.hold_up(time));
+        }
     }
 
     fn add(&mut self, mut link: Link) {
@@ -111,15 +123,8 @@ impl Publication {
         stream.set_nodelay(true).map_err(io)?;
         stream.write_all(&self.greeting(node_name)).map_err(io)?;
         stream.set_nonblocking(true).map_err(io)?;
-        let state = LinkState {
-            id: 0,
-            node: header.text("callerid").to_owned(),
-            instance: 0,
-            lead_in: 0,
-            counted: 0,
-            counted_bytes: 0,
-            open: true,
-        };
+        let node = header.text("callerid").to_owned();
+        let state = LinkState { node, open: true, ..LinkState::default() };
         let mut link = Link { state, stream };
         let first = lock(&self.links).latched_beyond(&Latched::new());
         self.send_latched(&mut link, &first, &mut || false)?;
@@ -208,8 +213,10 @@ impl Publication {
                     if cancelled() {
                         return Err(SendError::Cancelled);
                     }
+                    let full = Instant::now();
                     let failed = wait_writable(&link.stream, LOOK.min(self.stall)).is_err();
                     link.state.open &= !failed;
+                    link.hold_up(full.elapsed());
                 }
                 Err(error) if error.kind() == ErrorKind::Interrupted => {}
                 Ok(_) | Err(_) => link.state.open = false,
@@ -247,11 +254,16 @@ impl Outlet for Publication {
 
     fn await_unread(&self, window: u64, cancelled: Cancelled<'_>) -> Result<(), SendError> {
         let (mut before, mut progress, mut looks) = (u64::MAX, Instant::now(), 0);
+        let mut waits = Waits::default();
         loop {
-            let left = self.links_unless(cancelled)?.unread();
+            let mut links = self.links_unless(cancelled)?;
+            let (left, slowest) = links.unread();
             if left <= window {
+                links.hold_up(waits);
                 return Ok(());
             }
+            drop(links);
+            waits.for_room(slowest, Instant::now());
             if left != before {
                 (before, progress) = (left, Instant::now());
             }
@@ -307,6 +319,14 @@ impl Advertised for Publication {
 }
 
 impl Link {
+    /// Takes in how long was waited until it had room. Before the first message of the window nobody
+    /// is held up.
+    fn hold_up(&mut self, time: Duration) {
+        if self.state.counted > 0 {
+            self.state.held_up += time;
+        }
+    }
+
     fn unread(&self) -> u64 {
         self.far_end().unread
     }

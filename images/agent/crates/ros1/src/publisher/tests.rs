@@ -1,5 +1,6 @@
 use std::io::Read;
 use std::net::TcpListener;
+use std::sync::atomic::{AtomicU32, Ordering};
 
 use super::*;
 
@@ -35,8 +36,7 @@ fn who_reads_the_latched_messages_slowly_keeps_no_message_from_others() {
     publication.latch("/mapper", Share::LeadIn, &frame(map, 1));
     let (slow, reads_late) = connection();
     let (quick, reads_at_once) = connection();
-    let frames =
-        |stream: &TcpStream| std::iter::from_fn(|| next_frame(stream)).collect::<Vec<_>>();
+    let frames = |stream: &TcpStream| std::iter::from_fn(|| next_frame(stream)).collect::<Vec<_>>();
     let (before, after, quickly, late) = std::thread::scope(|scope| {
         let quickly = scope.spawn(|| frames(&reads_at_once));
         publication.welcome("/player", &header("/quick"), quick).unwrap();
@@ -110,8 +110,7 @@ fn who_reads_what_came_behind_the_first_in_drops_is_waited_for_no_longer_than_wh
         assert_eq!(next_frame(&reads_late), Some((size as u32, 1)));
         let mut bytes = vec![0; read_at_once];
         // Ten seconds for all of it, and none without a byte.
-        while !welcomed.is_finished() && reads_late.read(&mut bytes).is_ok_and(|read| read > 0)
-        {
+        while !welcomed.is_finished() && reads_late.read(&mut bytes).is_ok_and(|read| read > 0) {
             std::thread::sleep(Duration::from_millis(20));
         }
         welcomed.join().unwrap()
@@ -161,6 +160,46 @@ fn who_has_read_everything_is_not_who_has_stopped() {
     let SendError::Stalled { node, .. } = why else { panic!("{why:?}") };
     assert_eq!(node, "/slow");
     drop(reads_nothing);
+}
+
+#[test]
+fn who_reads_late_has_held_up_the_play_from_the_first_counted_message_on() {
+    let info = TopicInfo { topic: "/map".to_owned(), ..TopicInfo::default() };
+    let publication = Publication::new(info, Duration::from_secs(60));
+    let (quick, reads_at_once) = connection();
+    let (slow, reads_late) = connection();
+    publication.welcome("/player", &header("/quick"), quick).unwrap();
+    publication.welcome("/player", &header("/slow"), slow).unwrap();
+    for stream in [&reads_at_once, &reads_late] {
+        next_frame(stream).expect("a greeting");
+    }
+    let held = |share| {
+        let asked = AtomicU32::new(0);
+        std::thread::scope(|scope| {
+            let quick = scope.spawn(|| next_frame(&reads_at_once));
+            scope.spawn(|| {
+                quick.join().unwrap();
+                // From now on each question is followed by a wait for this one.
+                let begun = asked.load(Ordering::Relaxed);
+                while asked.load(Ordering::Relaxed) < begun + 5 {
+                    std::thread::yield_now();
+                }
+                next_frame(&reads_late)
+            });
+            let mut ask = || {
+                asked.fetch_add(1, Ordering::Relaxed);
+                false
+            };
+            publication.send(share, &[&frame(16 << 20, 1)], &mut ask).unwrap();
+            publication.await_unread(0, &mut ask).unwrap();
+        });
+        publication.subscribers().into_iter().map(|link| link.held_up).collect::<Vec<_>>()
+    };
+    assert_eq!(held(Share::LeadIn), [Duration::ZERO; 2]);
+    held(Share::Counted);
+    let held = held(Share::Counted);
+    // Four whole waits of 20 ms lie between five questions.
+    assert!(held[1] >= Duration::from_millis(80) && held[1] > held[0], "{held:?}");
 }
 
 #[test]

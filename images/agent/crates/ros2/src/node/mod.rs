@@ -12,7 +12,7 @@ use std::time::Duration;
 use bagpipe_graph::{
     Audit, GraphError, Node, NodeOptions, PacedBy, Publication, Seen, Sink, TopicInfo,
 };
-use bagpipe_ros2ledger::Ledger;
+use bagpipe_ros2ledger::{Ledger, LedgerError};
 use bagpipe_ros2player::{Player, Reliability};
 
 use self::others::Around;
@@ -23,6 +23,7 @@ use crate::recording::{Inputs, Receiving};
 use crate::seen::{all_count, namesakes};
 use crate::stillness::Stillness;
 use crate::topic::{Means, Topic};
+use crate::undetermined::Undetermined;
 use crate::{QosOverride, Ros2Options, qos};
 
 /// A node of ours: the player's, with what the ledger says of the others.
@@ -37,6 +38,7 @@ pub(crate) struct Graph {
     topics: Mutex<Vec<Arc<Topic>>>,
     wanted: Mutex<BTreeSet<String>>,
     stillness: Stillness,
+    undetermined: Undetermined,
     /// Whether what was published did once not come to us.
     lacked: AtomicBool,
     /// Whether every node counted and did its work at the last look.
@@ -77,6 +79,7 @@ impl Graph {
             topics: Mutex::default(),
             wanted: Mutex::default(),
             stillness: Stillness::default(),
+            undetermined: Undetermined::default(),
             lacked: AtomicBool::new(false),
             all_spin: AtomicBool::new(false),
         })
@@ -164,6 +167,8 @@ impl Node for Graph {
     }
 
     fn begin(&self) -> Vec<String> {
+        // A ledger that can't be read fails the next look.
+        let _ = self.undetermined.begin(self.ledger());
         self.inputs.lives.hold()
     }
 
@@ -247,6 +252,11 @@ impl Node for Graph {
 
     fn remarks(&self) -> Vec<String> {
         [self.stillness.remarks(), self.uncounted()].concat()
+    }
+
+    fn undetermined(&self) -> Vec<String> {
+        let unread = |error: LedgerError| vec![format!("who may differ can't be known: {error}")];
+        self.undetermined.remarks(self.ledger()).unwrap_or_else(unread)
     }
 
     fn audit(&self, _: Duration) -> Box<dyn Audit> {

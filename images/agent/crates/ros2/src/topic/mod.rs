@@ -181,7 +181,9 @@ impl Publication for Topic {
     }
 
     fn subscribers(&self) -> Vec<LinkState> {
-        self.links().iter().map(|link| link.state()).collect()
+        let room = |link: &Link| link.counted.as_ref().map(|_| self.room_at(link));
+        let state = |link: &Arc<Link>| LinkState { room: room(link), ..link.state() };
+        self.links().iter().map(state).collect()
     }
 
     fn unsent(&self) -> u64 {

@@ -5,7 +5,7 @@ use std::sync::atomic::Ordering;
 use std::sync::{Arc, PoisonError};
 use std::time::{Duration, Instant};
 
-use bagpipe_graph::{Cancelled, Outlet, PacedBy, SendError, Share};
+use bagpipe_graph::{Cancelled, Outlet, PacedBy, SendError, Share, Waits};
 use bagpipe_ros2ledger::{Event, Ledger, LedgerError, Waited};
 use bagpipe_ros2player::{PlayerError, Staged};
 
@@ -36,27 +36,44 @@ impl Topic {
         loop {
             let begun = Instant::now();
             let mut full: BTreeMap<u64, u64> = BTreeMap::new();
+            let mut waits = Waits::default();
             let room = |link: &Link, ledger: &Ledger| {
                 let waiting = link.waiting(ledger)?;
-                // What another publishes when ours have filled a queue would overwrite one of them.
-                let depth = if link.is_shared() { link.depth().div_ceil(2) } else { link.depth() };
-                let depth = depth.min(self.means.most_waiting);
-                let room = self.sent().has_room(waiting, depth, bytes);
+                let mut room = self.sent().has_room(waiting, self.room_at(link), bytes);
                 if let Some(half) = full.get(&link.id()) {
-                    return Ok(room && (waiting <= *half || begun.elapsed() >= HALF));
-                }
-                if !room {
+                    room &= waiting <= *half || begun.elapsed() >= HALF;
+                } else if !room {
                     full.insert(link.id(), waiting / 2);
                     link.wake_after(ledger, waiting - waiting / 2)?;
                 }
+                if !room {
+                    waits.for_room(link.id(), Instant::now());
+                }
                 Ok(room)
             };
-            self.wait(&[Event::Taken], room, cancelled)?;
+            let waited = self.wait(&[Event::Taken], room, cancelled);
+            self.hold_up(waits);
+            waited?;
             // Meanwhile one may have been replaced that had none.
             if !self.has_strangers() {
                 return Ok(());
             }
             self.meet(cancelled)?;
+        }
+    }
+
+    /// The most messages that may wait at a subscriber.
+    pub(super) fn room_at(&self, link: &Link) -> u64 {
+        // What another publishes when ours have filled a queue would overwrite one of them.
+        let depth = if link.is_shared() { link.depth().div_ceil(2) } else { link.depth() };
+        depth.min(self.means.most_waiting)
+    }
+
+    /// Takes in, once a wait is over, for whom it was.
+    fn hold_up(&self, mut waits: Waits) {
+        waits.end(Instant::now());
+        for (id, time) in waits.into_all() {
+            self.links().iter().filter(|link| link.id() == id).for_each(|link| link.hold_up(time));
         }
     }
 

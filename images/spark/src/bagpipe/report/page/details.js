@@ -53,8 +53,9 @@ function detailParts(detail) {
   if (detail.left) parts.push(el("p", { class: "note" }, `${detail.left} more courses are left out here for size: its line of results.jsonl has them.`));
   if (detail.stderr.length) parts.push(el("h4", {}, "Last lines of the stack's stderr"), el("pre", {}, detail.stderr.join("\n")));
   if (detail.lost.length) parts.push(el("h4", {}, "Starts that were lost"), el("pre", {}, detail.lost.join("\n")));
-  if (detail.ledger.length) {
-    parts.push(el("h4", {}, "Delivery", el("small", {}, detail.strength ? ` proof: ${detail.strength}` : "")), ledgerTable(detail.ledger));
+  if (detail.ledger.length || detail.notes.length) {
+    parts.push(el("h4", {}, "Delivery", el("small", {}, detail.strength ? ` proof: ${detail.strength}` : "")),
+      ledgerTable(detail.ledger), detail.notes.map((note) => el("p", { class: "note" }, note)));
   }
   const machine = Object.entries(detail.machine.figures);
   if (detail.machine.message || machine.length) {
