@@ -32,7 +32,7 @@ TOGETHER = {
                {"processes", "processes::sockets", "processes::starting", "processes::waiting"}],
     "ros1": [{"node", "slave"}],
     "ros2": [{"node", "node::others", "node::recorded"},
-             {"topic", "topic::sending", "topic::subscribers"}],
+             {"topic", "topic::matching", "topic::sending", "topic::subscribers"}],
 }  # fmt: skip
 # At the least so many edges were found, so that a source that is read wrongly is noticed.
 LEAST_EDGES = {

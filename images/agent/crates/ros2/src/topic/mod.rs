@@ -2,6 +2,7 @@
 
 mod credit;
 mod look;
+mod matching;
 mod sending;
 mod subscribers;
 

@@ -1,0 +1,160 @@
+//! Who has matched us of those that subscribe, and who is waited for until it has.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::atomic::Ordering;
+use std::sync::{Arc, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use bagpipe_graph::{Cancelled, PacedBy, SendError};
+use bagpipe_ros2ledger::{Endpoint, Event, Kind, Ledger, LedgerError};
+
+use super::Topic;
+use super::look::{Look, Owner};
+use super::sending::failed;
+use crate::absence::RENEWED;
+use crate::link::{Link, Totals};
+
+/// A subscription whose process has not reported for so long whom it knows is believed to know us.
+pub(super) const UNREPORTED: Duration = Duration::from_secs(2);
+/// How often somebody who waits for new subscriptions looks at them.
+const MATCHES: Duration = Duration::from_millis(5);
+
+impl Topic {
+    /// Before a message goes out: whoever has begun to subscribe since the last one is noticed, and
+    /// at the subscribers' pace it gets to know us first, within a bound.
+    pub(super) fn meet(&self, cancelled: Cancelled<'_>) -> Result<(), SendError> {
+        let ledger = &*self.means.ledger;
+        let failed = |error: LedgerError| failed(&error);
+        if self.listed.load(Ordering::Relaxed) == ledger.listed() && !self.has_strangers() {
+            return Ok(());
+        }
+        loop {
+            self.refresh(&Look::at(ledger).map_err(failed)?, None).map_err(failed)?;
+            if !self.has_strangers() {
+                return Ok(());
+            }
+            if !self.means.watching.swap(true, Ordering::Relaxed) {
+                ledger.watch_matches(true);
+            }
+            let changes = [Event::Matched, Event::Listed];
+            let never = |_: &Ledger| Ok(false);
+            ledger.wait(&changes, &[], Instant::now() + MATCHES, never).map_err(failed)?;
+            if cancelled() {
+                return Err(SendError::Cancelled);
+            }
+        }
+    }
+
+    /// Whether somebody is to be waited for who subscribes and does not know us yet, or has just left
+    /// to subscribe again, and was not waited for in vain. By the clock nobody is.
+    pub(super) fn has_strangers(&self) -> bool {
+        let is_new = |since: &Instant| since.elapsed() < UNREPORTED + RENEWED;
+        self.means.paced_by == PacedBy::Subscribers
+            && (self.strangers().values().any(is_new) || !self.departed().is_empty())
+    }
+
+    pub(super) fn strangers(&self) -> MutexGuard<'_, BTreeMap<Owner, Instant>> {
+        self.strangers.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Whose subscriptions have been waited for in vain: they have not matched us.
+    pub(super) fn unmatched(&self) -> BTreeSet<Owner> {
+        let strangers = self.strangers();
+        let waited = strangers.iter().filter(|(_, since)| since.elapsed() >= UNREPORTED);
+        waited.map(|(owner, _)| owner.clone()).collect()
+    }
+
+    /// Whether all subscriptions of a node have matched us, as far as they report: they know more
+    /// publishers than there are others, and we know all subscriptions that are there. Of a node
+    /// that is `known`, new ones know us from the beginning.
+    pub(super) fn knows_us(
+        &self,
+        owner: &Owner,
+        subscriptions: &[&Endpoint],
+        look: &Look,
+        known: bool,
+    ) -> bool {
+        let there = look.there(Kind::Subscription, &self.info.topic);
+        let there = there.filter(|one| self.reaches(one)).count();
+        let uncounted = self.links().iter().filter(|link| link.is_uncounted()).count();
+        let there = there + uncounted;
+        let knows_more = |one: &Endpoint, all: u32| all as usize > look.counterparts(one);
+        let reported = |one: &&Endpoint| one.matched.is_some_and(|all| knows_more(one, all));
+        // Either side may know of the other first, and what is published in between never comes.
+        let known_to_us = || self.means.player.subscribers(self.publisher).unwrap_or_default();
+        let since = *self.strangers().entry(owner.clone()).or_insert_with(Instant::now);
+        let know_us = match known {
+            true => since.elapsed() >= RENEWED,
+            false => subscriptions.iter().all(reported),
+        };
+        // One of the others may be none that it can match, and who computes for long reports nothing new.
+        let some = |one: &&Endpoint| one.matched.is_some_and(|known| known > 0);
+        let believed = || {
+            let fitting = self.fitting();
+            let fits = |one: &Endpoint| self.reaches(one) && fitting.contains(&one.node);
+            let fit =
+                look.there(Kind::Subscription, &self.info.topic).filter(|one| fits(one)).count();
+            let all_match = known_to_us() >= (fit + uncounted) as u64;
+            fitting.contains(&owner.1) && (all_match || subscriptions.iter().all(some))
+        };
+        let knows = (know_us && known_to_us() == there as u64)
+            || (since.elapsed() >= UNREPORTED && believed());
+        if knows {
+            // When it subscribes again it is waited for again.
+            self.strangers().remove(owner);
+        }
+        knows
+    }
+
+    /// The nodes that subscribe to it as what is played, in our domain.
+    fn fitting(&self) -> BTreeSet<String> {
+        let nodes = self.means.player.graph().unwrap_or_default();
+        let ours =
+            |(topic, of): &(String, String)| *topic == self.info.topic && *of == self.info.datatype;
+        let those = nodes.into_iter().filter(|one| one.subscribes.iter().any(ours));
+        those.map(|one| one.name).collect()
+    }
+
+    /// Those that were waited for in vain, once something was `sent` that they can't have had.
+    pub(super) fn refresh_unmatched(&self, links: &mut Vec<Arc<Link>>, sent: Totals) {
+        let owners = if sent.messages() > 0 { self.unmatched() } else { BTreeSet::new() };
+        let names: BTreeSet<&String> = owners.iter().map(|(_, node)| node).collect();
+        let known: BTreeSet<String> =
+            links.iter().filter(|one| one.is_unmatched()).map(|one| one.node.clone()).collect();
+        // Who has matched after all has a line of its own, which lacks what it has not had.
+        let counted = |node: &str, links: &[Arc<Link>]| {
+            links.iter().any(|one| one.counted.is_some() && one.is_open() && one.node == node)
+        };
+        let replaced: BTreeSet<String> = known
+            .iter()
+            .filter(|one| !names.contains(one) && counted(one, links))
+            .cloned()
+            .collect();
+        links.retain(|one| !one.is_unmatched() || !replaced.contains(&one.node));
+        for link in links.iter().filter(|one| one.is_unmatched() && !names.contains(&one.node)) {
+            link.close();
+        }
+        for name in names.iter().filter(|name| !known.contains(**name)) {
+            let of_name = links.iter().filter(|link| link.node == **name);
+            let instance = of_name.map(|link| link.instance + 1).max().unwrap_or(0);
+            let id = self.means.links.fetch_add(1, Ordering::Relaxed);
+            links.push(Arc::new(Link::unmatched(id, ((*name).clone(), instance), sent)));
+        }
+    }
+
+    /// Takes in who has been waited for in vain when a message goes out; who looks at the subscribers
+    /// waits meanwhile. A look takes in who has matched after all, or is gone.
+    pub(super) fn note_unmatched(&self) {
+        let links = self.links();
+        let has_link = |node: &str| links.iter().any(|one| one.is_unmatched() && one.node == node);
+        let is_new = |(owner, since): (&Owner, &Instant)| {
+            since.elapsed() >= UNREPORTED && !has_link(&owner.1)
+        };
+        if self.strangers().iter().any(is_new) {
+            let mut links = Vec::clone(&links);
+            let sent = self.sent().totals;
+            self.refresh_unmatched(&mut links, sent);
+            *self.links.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(links);
+        }
+    }
+}
