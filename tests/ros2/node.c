@@ -138,6 +138,9 @@ static void renew_if_asked(struct subscription *of) {
   if (as->slow_us > 0) sleep_us(as->slow_us);
   if (asked.renew_every > 0 && of->taken % asked.renew_every == 0) renew(of, asked.apart_us);
   if (of->taken == as->renew_at) renew(of, as->apart_us);
+  if (of->taken != as->gone_at) return;
+  rmw_destroy_subscription(node, of->rmw);
+  of->gone = true;
 }
 
 /* As executors do whose threads have missed that messages wait. */
@@ -175,7 +178,7 @@ static struct subscription *next_ready(void) {
   struct rmw_time limit = {1, 0};
   pthread_mutex_lock(&choosing);
   for (int one = 0; one < asked.subscriptions; one++) {
-    if (subscriptions[one].busy) continue;
+    if (subscriptions[one].busy || subscriptions[one].gone) continue;
     of[things.count] = &subscriptions[one];
     wanted[things.count++] = subscriptions[one].rmw->data;
   }
@@ -303,7 +306,7 @@ int serve(int argc, char **argv) {
   write_counts();
   life_ends();
   for (int one = 0; one < asked.subscriptions; one++)
-    rmw_destroy_subscription(node, subscriptions[one].rmw);
+    if (!subscriptions[one].gone) rmw_destroy_subscription(node, subscriptions[one].rmw);
   for (int one = 0; one < asked.publishers; one++) rmw_destroy_publisher(node, publishers[one].rmw);
   rmw_destroy_node(node);
   rmw_context_fini(&context);

@@ -25,6 +25,7 @@ struct subscription {
   struct message message;        /* the one that its callback has */
   char rcl[2], cpp[2], callback[2]; /* their addresses are what tracepoints name */
   int turn;                         /* which of the two: one ends while the next one is there */
+  bool gone;
   bool busy;                     /* a thread has it: its callbacks exclude each other */
   _Atomic uint64_t taken, called;
 };
@@ -34,7 +35,7 @@ struct asked {
   struct {
     char topic[256], package[128], folder[8], type[128];
     struct rmw_qos qos;
-    uint64_t renew_at, apart_us, slow_us; /* of a subscription alone; 0: not */
+    uint64_t renew_at, apart_us, slow_us, gone_at; /* of a subscription alone; 0: not */
   } subscription[MOST], publisher[MOST];
   int subscriptions, publishers;
   struct {

@@ -11,6 +11,8 @@ static const char usage[] =
     "--sub TOPIC:PACKAGE/msg/TYPE:DEPTH:reliable|best_effort[:transient_local]\n"
     "                       a subscription; DEPTH is a number, or 'all'\n"
     "--pub as --sub\n"
+    "--presence DEADLINE:LEASE:automatic|manual\n"
+    "                       of those that follow, in ms; 0 is without end\n"
     "--relay IN=OUT         for each message on IN a String on OUT:\n"
     "                       '<hash of it> <count>[ <time>]'\n"
     "--relay-stamp IN=OUT   for each message on IN a PoseStamped on OUT, with its header's stamp\n"
@@ -27,6 +29,7 @@ static const char usage[] =
     "--apart-us N           how long it has none in between\n"
     "--renew I:N:US         once, after the Nth message of the Ith --sub, with so long in between\n"
     "--overlaps             the other one is created before the one is destroyed\n"
+    "--gone I:N            after its Nth message the Ith --sub is destroyed for good\n"
     "--slow I:US            how long callbacks of the Ith --sub take besides\n"
     "--doze-every N         after each Nth of the first hundred messages of a topic no more are taken\n"
     "                       until another one comes, whatever waits\n"
@@ -62,9 +65,19 @@ static void name(const char *whole) {
   if (slash == whole) strcpy(asked.space, "/");
 }
 
+static struct rmw_qos presence; /* the rest of it is not read */
+
+static void promise(const char *text) {
+  unsigned deadline, lease;
+  char kind[16];
+  if (sscanf(text, "%u:%u:%15s", &deadline, &lease, kind) != 3) refuse("no deadline and lease", text);
+  presence.deadline = (struct rmw_time){deadline / 1000, deadline % 1000 * 1000000ull};
+  presence.lease = (struct rmw_time){lease / 1000, lease % 1000 * 1000000ull};
+  presence.liveliness = !strcmp(kind, "manual") ? LIVELINESS_MANUAL_BY_TOPIC : 1;
+}
+
 static struct rmw_qos qos_of(const char *depth, const char *reliability, const char *durability) {
-  struct rmw_qos qos;
-  memset(&qos, 0, sizeof qos);
+  struct rmw_qos qos = presence;
   bool all = strcmp(depth, "all") == 0;
   qos.history = all ? HISTORY_KEEP_ALL : HISTORY_KEEP_LAST;
   qos.depth = all ? 0 : strtoul(depth, NULL, 10);
@@ -112,6 +125,12 @@ static void renew_once(const char *text) {
   one->apart_us = of[1];
 }
 
+static void gone(const char *text) {
+  unsigned long long of[2];
+  __typeof__(&asked.subscription[0]) one = one_of(text, 1, of);
+  one->gone_at = of[0];
+}
+
 static void slow(const char *text) {
   unsigned long long of[2];
   __typeof__(&asked.subscription[0]) one = one_of(text, 1, of);
@@ -122,6 +141,7 @@ static void value(const char *option, const char *text) {
   if (!strcmp(option, "--name")) name(text);
   else if (!strcmp(option, "--sub")) endpoint(true, text);
   else if (!strcmp(option, "--pub")) endpoint(false, text);
+  else if (!strcmp(option, "--presence")) promise(text);
   else if (!strcmp(option, "--relay")) relay(WORK_TEXT, text);
   else if (!strcmp(option, "--relay-stamp")) relay(WORK_STAMP, text);
   else if (!strcmp(option, "--steer")) relay(WORK_STEER, text);
@@ -134,6 +154,7 @@ static void value(const char *option, const char *text) {
   else if (!strcmp(option, "--renew-every")) asked.renew_every = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--apart-us")) asked.apart_us = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--renew")) renew_once(text);
+  else if (!strcmp(option, "--gone")) gone(text);
   else if (!strcmp(option, "--slow")) slow(text);
   else if (!strcmp(option, "--doze-every")) asked.doze_every = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--die-after")) asked.die_after = strtoull(text, NULL, 10);

@@ -16,6 +16,7 @@
 enum { HISTORY_KEEP_LAST = 1, HISTORY_KEEP_ALL = 2 };
 enum { RELIABILITY_RELIABLE = 1, RELIABILITY_BEST_EFFORT = 2 };
 enum { DURABILITY_TRANSIENT_LOCAL = 1, DURABILITY_VOLATILE = 2 };
+#define LIVELINESS_MANUAL_BY_TOPIC 3
 
 struct rmw_time {
   uint64_t seconds, nanoseconds;

@@ -19,6 +19,12 @@ static struct rmw_qos chosen(const struct rmw_qos *asked) {
   return qos;
 }
 
+/* One that is not set, or beyond DDS' 31 bits of seconds, is without end. */
+static dds_duration_t duration_of(struct rmw_time time) {
+  bool endless = (time.seconds == 0 && time.nanoseconds == 0) || time.seconds >= INT32_MAX;
+  return endless ? DDS_INFINITY : DDS_SECS((int64_t)time.seconds) + (int64_t)time.nanoseconds;
+}
+
 static dds_qos_t *dds_qos(const struct rmw_qos *qos) {
   dds_qos_t *made = dds_create_qos();
   bool all = qos->history == HISTORY_KEEP_ALL;
@@ -34,6 +40,10 @@ static dds_qos_t *dds_qos(const struct rmw_qos *qos) {
     dds_qset_durability_service(made, 0, history, depth, DDS_LENGTH_UNLIMITED, DDS_LENGTH_UNLIMITED,
                                 DDS_LENGTH_UNLIMITED);
   }
+  bool manual = qos->liveliness == LIVELINESS_MANUAL_BY_TOPIC;
+  dds_qset_deadline(made, duration_of(qos->deadline));
+  dds_qset_liveliness(made, manual ? DDS_LIVELINESS_MANUAL_BY_TOPIC : DDS_LIVELINESS_AUTOMATIC,
+                      duration_of(qos->lease));
   dds_qset_writer_data_lifecycle(made, false);
   dds_qset_ignorelocal(made, DDS_IGNORELOCAL_NONE);
   return made;

@@ -8,7 +8,9 @@
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use bagpipe_graph::GraphError;
-use bagpipe_ros2player::{Asked, Durability, History, Player, Qos, Reliability, SubscriptionId};
+use bagpipe_ros2player::{
+    Asked, Durability, History, Player, Presence, Qos, Reliability, SubscriptionId,
+};
 
 use crate::error::failed;
 
@@ -19,6 +21,7 @@ const EVENTS: Qos = Qos {
     history: History::KeepLast(100),
     reliability: Reliability::Reliable,
     durability: Durability::Volatile,
+    presence: Presence::NONE,
 };
 
 /// The nodes that a job names.

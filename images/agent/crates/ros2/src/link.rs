@@ -21,8 +21,8 @@ pub(crate) struct Link {
     pub(crate) instance: u32,
     /// `None` where the node does not count, so that nothing is known of it.
     pub(crate) counted: Option<Subscriptions>,
-    /// Whether it counts, and has not matched us.
-    unmatched: bool,
+    /// The process of one that counts, and has not matched us.
+    unmatched: Option<ProcessId>,
     open: AtomicBool,
     sent: Mutex<Totals>,
     /// What it had taken, whoever published it, when our last message went out beside others; before one
@@ -92,18 +92,29 @@ impl Link {
         let (open, sent) = (AtomicBool::new(true), Mutex::new(sent));
         let last = Mutex::new(Last { known: 0, since: Instant::now(), stuck: false });
         let taken_before = AtomicU64::new(u64::MAX);
-        let (unmatched, held_up) = (false, AtomicU64::new(0));
+        let (unmatched, held_up) = (None, AtomicU64::new(0));
         Link { id, node, instance, counted, unmatched, open, sent, taken_before, held_up, last }
     }
 
     /// A link to somebody who subscribes and has not matched us, of all that was `sent`.
-    pub(crate) fn unmatched(id: u64, name: (String, u32), sent: Totals) -> Link {
-        Link { unmatched: true, ..Link::new(id, name, None, sent) }
+    pub(crate) fn unmatched(
+        id: u64,
+        name: (String, u32),
+        process: ProcessId,
+        sent: Totals,
+    ) -> Link {
+        Link { unmatched: Some(process), ..Link::new(id, name, None, sent) }
     }
 
     /// Whether it is there, and has not matched us.
     pub(crate) fn is_unmatched(&self) -> bool {
-        self.unmatched && self.is_open()
+        self.unmatched.is_some() && self.is_open()
+    }
+
+    /// Whose it is that is there and has not matched us.
+    pub(crate) fn unmatched_owner(&self) -> Option<(ProcessId, String)> {
+        let process = self.unmatched.filter(|_| self.is_open())?;
+        Some((process, self.node.clone()))
     }
 
     /// Takes in which publishers of the topic the stack has by now ([`Subscriptions::learn`]).
@@ -193,7 +204,7 @@ impl Link {
 
     /// Whether it is there, and nothing is known of it.
     pub(crate) fn is_uncounted(&self) -> bool {
-        self.counted.is_none() && !self.unmatched && self.is_open()
+        self.counted.is_none() && self.unmatched.is_none() && self.is_open()
     }
 
     /// Takes in that a message of so many bytes goes out.

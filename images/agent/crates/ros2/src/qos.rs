@@ -1,12 +1,20 @@
 //! Quality of service: as it was recorded, as a job wants it, as nodes ask for it.
 
+use std::time::Duration;
+
 use bagpipe_graph::TopicInfo;
 use bagpipe_log::Connection;
 use bagpipe_ros2ledger as ledger;
-use bagpipe_ros2player::{Durability, History, Qos, Reliability};
+use bagpipe_ros2player::{Durability, History, Presence, Qos, Reliability};
 
 /// A queue of the player's that no subscriber's credit exceeds; what is acknowledged leaves it.
 const PLAYED_DEPTH: u32 = 1000;
+
+/// What rmw writes of a time without end.
+const ENDLESS: Duration = Duration::new(9_223_372_036, 854_775_807);
+
+/// Seconds from which on a recorded time is without end: DDS has 31 bits, as recorders until Galactic wrote.
+const LONGEST: u64 = (1 << 31) - 1;
 
 /// What a job sets of a played topic in place of what was recorded; `None`: as recorded.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -44,7 +52,18 @@ pub(crate) fn played(info: &TopicInfo, wanted: QosOverride) -> Qos {
         history: History::KeepLast(depth),
         reliability: wanted.reliability.unwrap_or(reliability),
         durability,
+        presence: strongest(profiles.iter().map(|profile| profile.presence)),
     }
+}
+
+/// What suits the subscribers of each of these publishers.
+fn strongest(all: impl Iterator<Item = Presence>) -> Presence {
+    let shorter = |one: Option<Duration>, other| one.into_iter().chain(other).min();
+    all.fold(Presence::NONE, |one, other| Presence {
+        deadline: shorter(one.deadline, other.deadline),
+        lease: shorter(one.lease, other.lease),
+        manual: one.manual || other.manual,
+    })
 }
 
 /// How many messages somebody who comes late would have had of the recorded publishers: as many as a
@@ -71,6 +90,7 @@ pub(crate) fn recorded<'a>(publishers: impl Iterator<Item = &'a ledger::Qos> + C
             true => Durability::TransientLocal,
             false => Durability::Volatile,
         },
+        presence: Presence::NONE,
     }
 }
 
@@ -95,25 +115,36 @@ fn profile_yaml(qos: &ledger::Qos) -> String {
         ledger::Durability::Volatile => "volatile",
         ledger::Durability::Other(_) => "unknown",
     };
-    let endless = "{sec: 9223372036, nsec: 854775807}";
+    let time = |time: Option<Duration>| {
+        let time = time.unwrap_or(ENDLESS);
+        format!("{{sec: {}, nsec: {}}}", time.as_secs(), time.subsec_nanos())
+    };
+    let ledger::Presence { deadline, lease, manual } = qos.presence;
+    let liveliness = if manual { "manual_by_topic" } else { "automatic" };
     format!(
         "- history: {history}\n  depth: {}\n  reliability: {reliability}\n  durability: \
-         {durability}\n  deadline: {endless}\n  lifespan: {endless}\n  liveliness: automatic\n  \
-         liveliness_lease_duration: {endless}\n  avoid_ros_namespace_conventions: false\n",
-        qos.depth
+         {durability}\n  deadline: {}\n  lifespan: {}\n  liveliness: {liveliness}\n  \
+         liveliness_lease_duration: {}\n  avoid_ros_namespace_conventions: false\n",
+        qos.depth,
+        time(deadline),
+        time(None),
+        time(lease)
     )
 }
 
 /// Why a subscription can't receive what is played; `None` if it can.
 pub(crate) fn incompatible(offered: &Qos, wanted: &ledger::Qos) -> Option<&'static str> {
     let best_effort = offered.reliability == Reliability::BestEffort;
-    lacking((best_effort, offered.durability == Durability::Volatile), wanted)
+    let Presence { deadline, lease, manual } = offered.presence;
+    let presence = ledger::Presence { deadline, lease, manual };
+    lacking((best_effort, offered.durability == Durability::Volatile, presence), wanted)
 }
 
 /// Whether a subscription may receive what a publisher of the stack offers.
 pub(crate) fn reaches(offered: &ledger::Qos, wanted: &ledger::Qos) -> bool {
     let best_effort = offered.reliability == ledger::Reliability::BestEffort;
-    lacking((best_effort, offered.durability == ledger::Durability::Volatile), wanted).is_none()
+    let volatile = offered.durability == ledger::Durability::Volatile;
+    lacking((best_effort, volatile, offered.presence), wanted).is_none()
 }
 
 /// Messages that a subscription's queue holds; `None` without a bound.
@@ -141,13 +172,28 @@ pub(crate) fn keeps(wanted: &ledger::Qos) -> bool {
 }
 
 /// What a subscription asks for that what is offered lacks.
-fn lacking((best_effort, volatile): (bool, bool), wanted: &ledger::Qos) -> Option<&'static str> {
+fn lacking(
+    (best_effort, volatile, presence): (bool, bool, ledger::Presence),
+    wanted: &ledger::Qos,
+) -> Option<&'static str> {
+    let asked = wanted.presence;
+    let longer = |offered: Option<Duration>, wanted: Option<Duration>| {
+        wanted.is_some_and(|wanted| offered.is_none_or(|offered| offered > wanted))
+    };
     if best_effort && wanted.reliability == ledger::Reliability::Reliable {
         Some("it wants reliable messages, and they are played as best effort")
     } else if volatile && wanted.durability == ledger::Durability::TransientLocal {
         Some(
             "it wants what was published before it came (transient local), and they are played as volatile",
         )
+    } else if longer(presence.deadline, asked.deadline) {
+        Some("it wants them within a deadline that the recorded publishers did not offer")
+    } else if asked.manual && !presence.manual {
+        Some(
+            "it wants a publisher that shows by itself that it is there, which the recorded were not",
+        )
+    } else if longer(presence.lease, asked.lease) {
+        Some("it wants signs of the publisher more often than the recorded publishers offered")
     } else {
         None
     }
@@ -172,41 +218,85 @@ struct Profile {
     reliability: Option<Reliability>,
     durability: Option<Durability>,
     depth: u32,
+    presence: Presence,
 }
 
 /// The profiles of `offered_qos_profiles`, in numbers as until Humble or in words. What is not
 /// understood is left out.
 fn profiles(yaml: &str) -> Vec<Profile> {
-    let mut found = Vec::new();
+    let mut found: Vec<Profile> = Vec::new();
+    // The last key that had no value of its own, whose parts stand in the lines below it.
+    let mut above = String::new();
     for line in yaml.lines() {
-        let begins = line.trim_start().starts_with('-');
-        if begins {
+        if line.trim_start().starts_with('-') {
             found.push(Profile::default());
         }
         let (Some(profile), Some((key, value))) = (found.last_mut(), line.split_once(':')) else {
             continue;
         };
+        let key = key.trim_start().trim_start_matches('-').trim();
         let value = value.trim().trim_matches(['"', '\'']);
-        match key.trim_start().trim_start_matches('-').trim() {
+        match key {
+            "sec" | "nsec" => profile.set_time(&above, key, value),
+            _ => profile.set(key, value),
+        }
+        for part in value.trim_matches(['{', '}']).split(',') {
+            if let Some((unit, number)) = part.split_once(':') {
+                profile.set_time(key, unit.trim(), number.trim());
+            }
+        }
+        if !matches!(key, "sec" | "nsec") {
+            key.clone_into(&mut above);
+        }
+    }
+    found.iter_mut().for_each(Profile::end);
+    found
+}
+
+impl Profile {
+    fn set(&mut self, key: &str, value: &str) {
+        match key {
             "reliability" => {
-                profile.reliability = match value {
+                self.reliability = match value {
                     "1" | "reliable" => Some(Reliability::Reliable),
                     "2" | "best_effort" => Some(Reliability::BestEffort),
                     _ => None,
                 }
             }
             "durability" => {
-                profile.durability = match value {
+                self.durability = match value {
                     "1" | "transient_local" => Some(Durability::TransientLocal),
                     "2" | "volatile" => Some(Durability::Volatile),
                     _ => None,
                 }
             }
-            "depth" => profile.depth = value.parse().unwrap_or_default(),
+            "depth" => self.depth = value.parse().unwrap_or_default(),
+            "liveliness" => self.presence.manual = matches!(value, "3" | "manual_by_topic"),
             _ => {}
         }
     }
-    found
+
+    /// Takes in seconds or nanoseconds of what stands in this key.
+    fn set_time(&mut self, key: &str, unit: &str, value: &str) {
+        let time = match key {
+            "deadline" => &mut self.presence.deadline,
+            "liveliness_lease_duration" => &mut self.presence.lease,
+            _ => return,
+        };
+        let more = match unit {
+            "sec" => Duration::from_secs(value.parse().unwrap_or(ENDLESS.as_secs())),
+            "nsec" => Duration::from_nanos(value.parse().unwrap_or_default()),
+            _ => return,
+        };
+        *time = Some(time.unwrap_or_default().saturating_add(more));
+    }
+
+    /// A time that is none, or without end, is not set.
+    fn end(&mut self) {
+        for time in [&mut self.presence.deadline, &mut self.presence.lease] {
+            *time = time.filter(|time| !time.is_zero() && time.as_secs() < LONGEST);
+        }
+    }
 }
 
 #[cfg(test)]
@@ -238,12 +328,14 @@ mod tests {
             reliability: Some(Reliability::BestEffort),
             durability: Some(Durability::Volatile),
             depth: 0,
+            presence: Presence::NONE,
         };
         assert_eq!(profiles(HUMBLE), [best_effort]);
         let latched = Profile {
             reliability: Some(Reliability::Reliable),
             durability: Some(Durability::TransientLocal),
             depth: 3,
+            presence: Presence { deadline: Some(Duration::new(1, 2)), ..Presence::NONE },
         };
         assert_eq!(profiles(JAZZY), [latched]);
         for broken in ["", "[]", "depth: 3", ":", "- x", "-\n-\n"] {
@@ -310,7 +402,94 @@ mod tests {
     }
 
     fn asked(reliability: ledger::Reliability, durability: ledger::Durability) -> ledger::Qos {
-        ledger::Qos { history: ledger::History::KeepLast, depth: 5, reliability, durability }
+        let (history, presence) = (ledger::History::KeepLast, ledger::Presence::NONE);
+        ledger::Qos { history, depth: 5, reliability, durability, presence }
+    }
+
+    fn presence(deadline: Option<u64>, lease: Option<u64>, manual: bool) -> Presence {
+        let [deadline, lease] = [deadline, lease].map(|ms| ms.map(Duration::from_millis));
+        Presence { deadline, lease, manual }
+    }
+
+    #[test]
+    fn deadline_and_liveliness_are_read_as_each_release_writes_them() {
+        let of = |yaml: &str| profiles(yaml).iter().map(|one| one.presence).collect::<Vec<_>>();
+        let block = "- deadline:\n    sec: 0\n    nsec: 100000000\n  lifespan:\n    sec: 5\n    nsec: 0\n  \
+                     liveliness: 3\n  liveliness_lease_duration:\n    sec: 2\n    nsec: 0\n";
+        let inline = "- deadline: {sec: 0, nsec: 100000000}\n  lifespan: {sec: 5, nsec: 0}\n  liveliness: \
+                      manual_by_topic\n  liveliness_lease_duration: {nsec: 0, sec: 2}\n";
+        let all = presence(Some(100), Some(2_000), true);
+        assert_eq!((of(block), of(inline)), (vec![all], vec![all]));
+        assert_eq!(of(&[block, HUMBLE].concat()), [all, Presence::NONE]);
+        for endless in [
+            "{sec: 9223372036, nsec: 854775807}",
+            "{sec: 2147483647, nsec: 4294967295}",
+            "{sec: 0, nsec: 0}",
+            "{sec: 99999999999999999999999, nsec: 0}",
+            "{sec: -1}",
+            "{}",
+            "[]",
+            "x: y: z",
+        ] {
+            let yaml = format!(
+                "- deadline: {endless}\n  liveliness_lease_duration: {endless}\n  liveliness: 1\n"
+            );
+            assert_eq!(of(&yaml), [Presence::NONE], "{endless}");
+        }
+        assert_eq!(
+            of("- deadline: {sec: 2147483646, nsec: 0}\n")[0].deadline.unwrap().as_secs(),
+            2147483646
+        );
+    }
+
+    #[test]
+    fn what_publishers_of_the_stack_offer_is_written_and_read_again() {
+        use ledger::{Durability as D, Reliability as R};
+        for wanted in
+            [presence(Some(100), Some(2_000), true), presence(None, Some(1), false), Presence::NONE]
+        {
+            let Presence { deadline, lease, manual } = wanted;
+            let presence = ledger::Presence { deadline, lease, manual };
+            let offered = ledger::Qos { presence, ..asked(R::Reliable, D::Volatile) };
+            assert_eq!(profiles(&yaml([offered].iter()))[0].presence, wanted);
+        }
+    }
+
+    #[test]
+    fn the_strictest_of_deadlines_and_leases_is_played() {
+        let one = "- deadline: {sec: 0, nsec: 100000000}\n";
+        let other = "- deadline: {sec: 3, nsec: 0}\n  liveliness: 3\n  liveliness_lease_duration: {sec: 2, nsec: 0}\n";
+        assert_eq!(
+            as_played(&[one, other].concat()).presence,
+            presence(Some(100), Some(2_000), true)
+        );
+        assert_eq!(as_played(&[HUMBLE, one].concat()).presence, presence(Some(100), None, false));
+        assert_eq!(as_played(HUMBLE).presence, Presence::NONE);
+    }
+
+    #[test]
+    fn who_asks_for_more_presence_than_is_offered_is_named() {
+        use ledger::{Durability as D, Reliability as R};
+        let why = |offered: Presence, (deadline, lease, manual)| {
+            let offered = Qos { presence: offered, ..as_played(JAZZY) };
+            let Presence { deadline, lease, manual } = presence(deadline, lease, manual);
+            let presence = ledger::Presence { deadline, lease, manual };
+            incompatible(&offered, &ledger::Qos { presence, ..asked(R::Reliable, D::Volatile) })
+        };
+        let all = presence(Some(100), Some(2_000), true);
+        for wanted in [(Some(100), Some(2_000), true), (None, None, false), (Some(101), None, true)]
+        {
+            assert_eq!(why(all, wanted), None, "{wanted:?}");
+        }
+        for (wanted, words) in [
+            ((Some(99), None, false), "within a deadline"),
+            ((None, Some(1_999), false), "signs of the publisher"),
+        ] {
+            assert!(why(all, wanted).unwrap().contains(words), "{wanted:?}");
+            assert!(why(Presence::NONE, wanted).unwrap().contains(words), "{wanted:?}");
+        }
+        let automatic = presence(Some(100), Some(2_000), false);
+        assert!(why(automatic, (None, None, true)).unwrap().contains("shows by itself"));
     }
 
     #[test]

@@ -294,7 +294,9 @@ impl Subscriptions {
     pub(crate) fn are_confused(&self, ledger: &Ledger) -> Result<bool, LedgerError> {
         let now = self.now.read().unwrap_or_else(PoisonError::into_inner);
         let mut each = self.each(&now, ledger)?.into_iter().chain([now.before]);
-        Ok(now.confused || (now.given_kept && each.any(|one| one.unclear > 0)))
+        // Of one that went of late nobody has looked yet whether another takes its place.
+        let lacks = !now.counted.is_empty() && now.left.values().any(|left| left.sent > left.taken);
+        Ok(now.confused || lacks || (now.given_kept && each.any(|one| one.unclear > 0)))
     }
 
     /// Messages of ours that each of them has taken.

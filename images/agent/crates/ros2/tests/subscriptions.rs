@@ -206,3 +206,16 @@ fn what_is_played_is_none_of_the_stacks_answers() {
         assert_eq!(replayed.ledger.sent, 50);
     }
 }
+
+#[test]
+fn what_one_of_two_lost_that_goes_just_before_the_end_is_not_hidden_by_the_other() {
+    let scene = Scene::new();
+    // Between the last three looks, which are half a second apart.
+    let goes = ["--sub", ONE, "--slow", "2:5000", "--gone", "2:150"];
+    let node = ["--name", "/two", "--threads", "2", "--sub", DEEP];
+    let _two = scene.start("standin_node", &[&node[..], &goes].concat());
+    let ask = Ask { record: &["/none"], ..REALTIME };
+    let replayed = scene.play(&recording(&["/in"], 1700, 50), &ask).unwrap();
+    let line = &lines(&replayed)[0];
+    assert_eq!(line.strength, Strength::Sent, "{line:?}");
+}

@@ -32,8 +32,8 @@ enum ledger_kind { KIND_SUBSCRIPTION = 1, KIND_PUBLISHER = 2 };
 
 /* The callback is known, so that starts and ends are counted; so is an intra-process one; a subscription
  * that was listed after one of `own` had published, and takes no other's place; one whose place nobody
- * takes any more. */
-enum ledger_flag { FLAG_CALLS = 1, FLAG_INTRA = 2, FLAG_LATE = 4, FLAG_REPLACED = 8 };
+ * takes any more; one of which the program shows by itself that it is there. */
+enum ledger_flag { FLAG_CALLS = 1, FLAG_INTRA = 2, FLAG_LATE = 4, FLAG_REPLACED = 8, FLAG_MANUAL = 16 };
 
 struct ledger_header {
   _Atomic uint64_t magic;
@@ -102,7 +102,7 @@ struct ledger_endpoint {
   _Atomic int64_t own_latest;
   _Atomic int64_t own_after;
   _Atomic uint64_t destroyed; /* which of its process' endpoints that were, from 1 on */
-  _Atomic uint64_t reserved_counts[2];
+  _Atomic uint64_t deadline, lease; /* ns, as was asked for; 0: without end */
 };
 
 struct ledger {

@@ -60,10 +60,16 @@ static void copy(_Atomic uint8_t *into, const char *name) {
   for (size_t byte = 0; byte <= length; byte++) into[byte] = (uint8_t)name[byte];
 }
 
+/* In ns; 0 of one without end: of none, and of those that rmw means by infinite and best available. */
+static uint64_t time_of(struct rmw_time time) {
+  bool endless = time.seconds >= UINT64_MAX / 1000000000 / 2;
+  return endless ? 0 : time.seconds * 1000000000 + time.nanoseconds;
+}
+
 static void fill(struct ledger_endpoint *endpoint, const struct creation *of, const char *node) {
   atomic_fetch_add(&endpoint->generation, 1);
   endpoint->kind = of->kind;
-  endpoint->flags = 0;
+  endpoint->flags = of->qos.liveliness == LIVELINESS_MANUAL_BY_TOPIC ? FLAG_MANUAL : 0;
   endpoint->history = (uint32_t)of->qos.history;
   endpoint->reliability = (uint32_t)of->qos.reliability;
   endpoint->durability = (uint32_t)of->qos.durability;
@@ -80,6 +86,8 @@ static void fill(struct ledger_endpoint *endpoint, const struct creation *of, co
   endpoint->own_latest = 0;
   endpoint->own_after = 0;
   endpoint->destroyed = 0;
+  endpoint->deadline = time_of(of->qos.deadline);
+  endpoint->lease = time_of(of->qos.lease);
   copy(endpoint->topic, of->topic);
   copy(endpoint->node, node);
 }
@@ -124,7 +132,7 @@ static void note_beginning(struct ledger *ledger, uint32_t owner, struct ledger_
     atomic_fetch_or(&replaced->flags, FLAG_REPLACED);
   } else if (atomic_load(&ledger->header.own_published) != 0) {
     made->own_after = now();
-    made->flags = FLAG_LATE;
+    atomic_fetch_or(&made->flags, FLAG_LATE);
   }
 }
 

@@ -9,13 +9,20 @@
 #include "attach.h"
 #include "layout.h"
 
+struct rmw_time {
+  uint64_t seconds, nanoseconds;
+};
 /* How rmw_qos_profile_t begins, in every distribution. */
 struct qos_head {
   int history;
   size_t depth;
   int reliability;
   int durability;
+  struct rmw_time deadline, lifespan;
+  int liveliness;
+  struct rmw_time lease;
 };
+#define LIVELINESS_MANUAL_BY_TOPIC 3
 
 /* How rmw_node_t begins, likewise. */
 struct node_head {

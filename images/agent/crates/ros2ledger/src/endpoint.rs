@@ -1,12 +1,12 @@
 //! A subscription or publisher of a node, as the ledger has it.
 
-use std::sync::atomic::AtomicU8;
 use std::sync::atomic::Ordering::SeqCst;
+use std::sync::atomic::{AtomicU8, AtomicU64};
 use std::time::Duration;
 
 use crate::layout::{
-    EndpointSlot, FLAG_CALLS, FLAG_INTRA, FLAG_LATE, KIND_PUBLISHER, KIND_SUBSCRIPTION, NAME_BYTES,
-    PHASE_DESTROYED,
+    EndpointSlot, FLAG_CALLS, FLAG_INTRA, FLAG_LATE, FLAG_MANUAL, KIND_PUBLISHER,
+    KIND_SUBSCRIPTION, NAME_BYTES, PHASE_DESTROYED,
 };
 use crate::{ProcessId, Strength};
 
@@ -59,6 +59,23 @@ pub enum Durability {
     Other(u32),
 }
 
+/// How often an endpoint publishes, and shows that it is there: a publisher promises it, a subscription
+/// asks for it, and matches none that promises less. A time that nobody sets is without end.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Presence {
+    /// The longest time between two messages.
+    pub deadline: Option<Duration>,
+    /// The longest time without a sign of the publisher.
+    pub lease: Option<Duration>,
+    /// Whether only the program gives that sign, as by publishing, and not its middleware by itself.
+    pub manual: bool,
+}
+
+impl Presence {
+    /// Nothing is promised or asked for.
+    pub const NONE: Presence = Presence { deadline: None, lease: None, manual: false };
+}
+
 /// Quality of service, as the node asked for it; what it left to the middleware, as that chose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Qos {
@@ -70,6 +87,8 @@ pub struct Qos {
     pub reliability: Reliability,
     /// Whether late subscribers get earlier messages.
     pub durability: Durability,
+    /// How often messages come, and signs of the publisher.
+    pub presence: Presence,
 }
 
 /// What an endpoint has done, in messages. None of them goes down.
@@ -336,7 +355,17 @@ fn qos(slot: &EndpointSlot) -> Qos {
             2 => Durability::Volatile,
             other => Durability::Other(other),
         },
+        presence: presence(slot),
     }
+}
+
+fn presence(slot: &EndpointSlot) -> Presence {
+    let time = |field: &AtomicU64| match field.load(SeqCst) {
+        0 => None,
+        nanoseconds => Some(Duration::from_nanos(nanoseconds)),
+    };
+    let manual = slot.flags.load(SeqCst) & FLAG_MANUAL != 0;
+    Presence { deadline: time(&slot.deadline), lease: time(&slot.lease), manual }
 }
 
 #[cfg(test)]

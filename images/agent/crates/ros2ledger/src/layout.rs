@@ -35,6 +35,7 @@ pub(crate) const FLAG_CALLS: u32 = 1;
 pub(crate) const FLAG_INTRA: u32 = 2;
 pub(crate) const FLAG_LATE: u32 = 4;
 pub(crate) const FLAG_REPLACED: u32 = 8;
+pub(crate) const FLAG_MANUAL: u32 = 16;
 
 #[repr(C)]
 pub(crate) struct Header {
@@ -98,7 +99,8 @@ pub(crate) struct EndpointSlot {
     pub(crate) own_latest: AtomicI64,
     pub(crate) own_after: AtomicI64,
     pub(crate) destroyed: AtomicU64,
-    pub(crate) reserved_counts: [AtomicU64; 2],
+    pub(crate) deadline: AtomicU64,
+    pub(crate) lease: AtomicU64,
 }
 
 #[repr(C)]
@@ -149,7 +151,7 @@ mod tests {
             intra_started: u64, intra_ended: u64, returned: u64, published: u64,
             topic: [u8; 256],
             node: [u8; 256], seen_at: u64, taken_own: u64, taken_unknown: u64,
-            own_latest: i64, own_after: i64, destroyed: u64, reserved_counts: [u64; 2]),
+            own_latest: i64, own_after: i64, destroyed: u64, deadline: u64, lease: u64),
         );
         all.extend(fields!(Layout, "ledger", header: Header, process: [ProcessEntry; 512],
             endpoint: [EndpointSlot; 4096], own: [u64; 4096]));
@@ -179,6 +181,7 @@ mod tests {
             ("FLAG_INTRA", FLAG_INTRA.into()),
             ("FLAG_LATE", FLAG_LATE.into()),
             ("FLAG_REPLACED", FLAG_REPLACED.into()),
+            ("FLAG_MANUAL", FLAG_MANUAL.into()),
             ("EVENT_TAKEN", crate::Event::Taken as u64),
             ("EVENT_STARTED", crate::Event::Started as u64),
             ("EVENT_ENDED", crate::Event::Ended as u64),

@@ -56,7 +56,9 @@ mod process;
 mod quiet;
 mod wait;
 
-pub use endpoint::{Counts, Durability, Endpoint, EndpointId, History, Kind, Qos, Reliability};
+pub use endpoint::{
+    Counts, Durability, Endpoint, EndpointId, History, Kind, Presence, Qos, Reliability,
+};
 pub use error::LedgerError;
 pub use ledger::{Ledger, Unlisted};
 pub use library::LIBRARY;

@@ -9,8 +9,8 @@ use std::os::fd::AsRawFd;
 use std::time::{Duration, Instant};
 
 use bagpipe_ros2ledger::{
-    Counts, Durability, Endpoint, History, Kind, Ledger, Process, Qos, Reliability, Strength,
-    Unlisted, Waited,
+    Counts, Durability, Endpoint, History, Kind, Ledger, Presence, Process, Qos, Reliability,
+    Strength, Unlisted, Waited,
 };
 use rustix::fs::{MemfdFlags, memfd_create};
 use standin::{Client, Node, built};
@@ -171,8 +171,14 @@ fn topic_qos_thread_and_process_are_those_of_the_node() {
         depth: 5,
         reliability: Reliability::Reliable,
         durability: Durability::Volatile,
+        presence: Presence::NONE,
     };
     assert_eq!(subscription(&ledger, "/map").qos, chosen);
+    node.obey(&["timely /timely", "endless /endless"]);
+    let (deadline, lease) = (Some(Duration::from_millis(1_250)), Some(Duration::from_secs(2)));
+    let timely = Presence { deadline, lease, manual: true };
+    assert_eq!(subscription(&ledger, "/timely").qos.presence, timely);
+    assert_eq!(subscription(&ledger, "/endless").qos.presence, Presence::NONE);
     node.obey(&["publish /map 1", "spin / 1", "empty /map 3"]);
     let thread: u32 = node.ask("thread").parse().unwrap();
     let map = subscription(&ledger, "/map");

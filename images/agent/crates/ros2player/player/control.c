@@ -19,6 +19,12 @@ static bool read_whole(void *into, size_t length) {
   return true;
 }
 
+/* The low half comes first. */
+static uint64_t request_long(struct request *from) {
+  uint64_t low = request_number(from);
+  return (uint64_t)request_number(from) << 32 | low;
+}
+
 typedef void add(const struct wanted *, struct answer *);
 
 static void create(struct request *from, struct answer *into, add *endpoint, bool others) {
@@ -31,6 +37,9 @@ static void create(struct request *from, struct answer *into, add *endpoint, boo
   wanted.qos.depth = request_number(from);
   wanted.qos.reliability = (int)request_number(from);
   wanted.qos.durability = (int)request_number(from);
+  wanted.qos.deadline = request_long(from);
+  wanted.qos.lease = request_long(from);
+  wanted.qos.manual = request_number(from) != 0;
   if (from->wrong || wanted.slot >= PLAYER_ENDPOINTS)
     answer_failed(into, STATUS_REQUEST, "it is no endpoint");
   else

@@ -16,6 +16,8 @@ struct qos {
   size_t depth;
   int reliability; /* 1 reliable, 2 best effort */
   int durability;  /* 1 transient local, 2 volatile */
+  uint64_t deadline, lease; /* ns; 0: without end */
+  bool manual; /* it shows by itself that it is there */
 };
 
 /* What both kinds of endpoint are made from. */

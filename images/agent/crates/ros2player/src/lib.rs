@@ -63,7 +63,7 @@ pub use error::PlayerError;
 pub use graph::GraphNode;
 pub use options::PlayerOptions;
 pub use player::{Player, PublisherId, SubscriptionId};
-pub use qos::{Durability, History, Qos, Reliability};
+pub use qos::{Durability, History, Presence, Qos, Reliability};
 pub use receive::Received;
 pub use ring::Staged;
 pub use state::Asked;

@@ -1,5 +1,7 @@
 //! Quality of service, and names of message types.
 
+use std::time::Duration;
+
 use crate::PlayerError;
 
 /// How many messages a queue keeps.
@@ -29,6 +31,23 @@ pub enum Durability {
     TransientLocal,
 }
 
+/// How often an endpoint publishes, and shows that it is there: a publisher promises it, a subscription
+/// asks for it, and matches none that promises less. A time that nobody sets is without end.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Presence {
+    /// The longest time between two messages.
+    pub deadline: Option<Duration>,
+    /// The longest time without a sign of the publisher.
+    pub lease: Option<Duration>,
+    /// Whether only the program gives that sign, as by publishing, and not its middleware by itself.
+    pub manual: bool,
+}
+
+impl Presence {
+    /// Nothing is promised or asked for.
+    pub const NONE: Presence = Presence { deadline: None, lease: None, manual: false };
+}
+
 /// Quality of service of a publisher or a subscription; all else is rcl's default.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Qos {
@@ -38,11 +57,14 @@ pub struct Qos {
     pub reliability: Reliability,
     /// Whether late subscribers get earlier messages.
     pub durability: Durability,
+    /// How often it publishes, and shows that it is there.
+    pub presence: Presence,
 }
 
 impl Qos {
-    /// History, depth, reliability and durability by rmw's numbers.
-    pub(crate) fn numbers(&self) -> [u32; 4] {
+    /// History, depth, reliability and durability by rmw's numbers; then the deadline and the lease, in ns
+    /// and each with its low half first, 0 without one; and 1 where it shows by itself that it is there.
+    pub(crate) fn numbers(&self) -> [u32; 9] {
         let (history, depth) = match self.history {
             History::KeepLast(depth) => (1, depth.max(1)),
             History::KeepAll => (2, 0),
@@ -55,7 +77,14 @@ impl Qos {
             Durability::TransientLocal => 1,
             Durability::Volatile => 2,
         };
-        [history, depth, reliability, durability]
+        let Presence { deadline, lease, manual } = self.presence;
+        let halves = |time: Option<Duration>| {
+            let time = time.map_or(0, |time| u64::try_from(time.as_nanos()).unwrap_or(0));
+            [time as u32, (time >> 32) as u32]
+        };
+        let ([deadline, later], [lease, longer]) = (halves(deadline), halves(lease));
+        let manual = u32::from(manual);
+        [history, depth, reliability, durability, deadline, later, lease, longer, manual]
     }
 }
 
@@ -114,11 +143,20 @@ mod tests {
 
     #[test]
     fn numbers_are_those_of_rmw() {
-        let qos = |history, reliability, durability| Qos { history, reliability, durability };
+        let qos = |history, reliability, durability| {
+            let presence = Presence::NONE;
+            Qos { history, reliability, durability, presence }
+        };
         let last = qos(History::KeepLast(7), Reliability::Reliable, Durability::Volatile);
-        assert_eq!(last.numbers(), [1, 7, 1, 2]);
+        assert_eq!(last.numbers(), [1, 7, 1, 2, 0, 0, 0, 0, 0]);
         let all = qos(History::KeepAll, Reliability::BestEffort, Durability::TransientLocal);
-        assert_eq!(all.numbers(), [2, 0, 2, 1]);
+        assert_eq!(all.numbers(), [2, 0, 2, 1, 0, 0, 0, 0, 0]);
+        let presence = Presence {
+            deadline: Some(Duration::from_nanos(3 << 32 | 5)),
+            lease: Some(Duration::from_nanos(7)),
+            manual: true,
+        };
+        assert_eq!(Qos { presence, ..last }.numbers()[4..], [5, 3, 7, 0, 1]);
         assert_eq!(Qos { history: History::KeepLast(0), ..last }.numbers()[1], 1);
     }
 }

@@ -6,7 +6,7 @@ mod standin;
 
 use std::time::{Duration, Instant};
 
-use bagpipe_ros2player::{Durability, GraphNode, Player, PlayerOptions, Qos};
+use bagpipe_ros2player::{Durability, GraphNode, Player, PlayerOptions, Presence, Qos};
 use standin::{ALL, Graph, LONG, Node, RELIABLE, eventually, message, publish};
 
 const TYPE: &str = "sensor_msgs/Imu";
@@ -112,6 +112,34 @@ fn the_same_bytes_go_through_either_player() {
     assert_eq!(expected.len(), 8);
     for (sender, recorder) in [(&on_dds, &on_dds), (&by_rcl, &on_dds), (&on_dds, &by_rcl)] {
         assert!(relayed(sender, recorder) == expected);
+    }
+}
+
+#[test]
+fn either_player_offers_a_deadline_and_its_liveliness_and_asks_for_them() {
+    let by_rcl = Graph::new();
+    let on_dds = by_rcl.with_player_on_dds();
+    let presence = Presence {
+        deadline: Some(Duration::from_secs(3)),
+        lease: Some(Duration::from_secs(9)),
+        manual: true,
+    };
+    let stricter = Presence { deadline: Some(Duration::from_secs(2)), ..presence };
+    for (one, other) in [(&by_rcl, &on_dds), (&on_dds, &by_rcl)] {
+        let options = PlayerOptions { node: "far".to_owned(), ..other.options() };
+        let (near, far) = (one.player(), Player::start(&options).unwrap());
+        let of = |presence| Qos { presence, ..RELIABLE };
+        let publisher = near.advertise("/in", TYPE, &of(presence)).unwrap();
+        let strict = far.subscribe("/in", TYPE, &of(stricter)).unwrap();
+        let same = far.subscribe("/in", TYPE, &of(presence)).unwrap();
+        let none = far.subscribe("/in", TYPE, &RELIABLE).unwrap();
+        eventually(|| near.subscribers(publisher).unwrap() == 2);
+        eventually(|| [same, none].map(|one| far.publishers(one).unwrap()) == [1, 1]);
+        assert_eq!(far.publishers(strict).unwrap(), 0);
+        let plain = near.advertise("/other", TYPE, &RELIABLE).unwrap();
+        far.subscribe("/other", TYPE, &of(Presence { manual: true, ..Presence::NONE })).unwrap();
+        far.subscribe("/other", TYPE, &RELIABLE).unwrap();
+        eventually(|| near.subscribers(plain).unwrap() == 1);
     }
 }
 

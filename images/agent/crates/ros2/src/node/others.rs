@@ -106,11 +106,7 @@ impl Graph {
                 let other = own.filter(|(topic, _)| topic == name).map(|(_, of)| of);
                 let why = match other.clone().find(|of| *of != datatype) {
                     Some(of) => format!("it asks for {of}, and {datatype} is played"),
-                    None => {
-                        "its deadline or its liveliness asks for more than is offered, or it is \
-                             in another domain"
-                            .to_owned()
-                    }
+                    None => "as if it were in another domain".to_owned(),
                 };
                 remarks.push(format!(
                     "{node} subscribes to {name} and has not matched the player, so that it got \
@@ -160,6 +156,7 @@ impl Graph {
             ));
         }
         remarks.sort();
+        remarks.dedup();
         remarks
     }
 }

@@ -19,6 +19,15 @@ pub(super) const UNREPORTED: Duration = Duration::from_secs(2);
 /// How often somebody who waits for new subscriptions looks at them.
 const MATCHES: Duration = Duration::from_millis(5);
 
+/// Names of nodes, by what the graph has of each.
+#[derive(Default)]
+struct Fitting {
+    /// Those of which it has what is played.
+    fitting: BTreeSet<String>,
+    /// Those that several nodes have, of which it does not say which subscribes to what.
+    namesakes: BTreeSet<String>,
+}
+
 impl Topic {
     /// Before a message goes out: whoever has begun to subscribe since the last one is noticed, and
     /// at the subscribers' pace it gets to know us first, within a bound.
@@ -43,6 +52,11 @@ impl Topic {
                 return Err(SendError::Cancelled);
             }
         }
+    }
+
+    /// Whether somebody may still match us who is waited for.
+    pub(super) fn has_young_strangers(&self) -> bool {
+        self.strangers().values().any(|since| since.elapsed() < UNREPORTED)
     }
 
     /// Whether somebody is to be waited for who subscribes and does not know us yet, or has just left
@@ -90,12 +104,19 @@ impl Topic {
         // One of the others may be none that it can match, and who computes for long reports nothing new.
         let some = |one: &&Endpoint| one.matched.is_some_and(|known| known > 0);
         let believed = || {
-            let fitting = self.fitting();
-            let fits = |one: &Endpoint| self.reaches(one) && fitting.contains(&one.node);
+            let Fitting { fitting, namesakes } = self.fitting();
+            let may_fit = |node: &String| fitting.contains(node) || namesakes.contains(node);
+            let fits = |one: &Endpoint| self.reaches(one) && may_fit(&one.node);
             let fit =
                 look.there(Kind::Subscription, &self.info.topic).filter(|one| fits(one)).count();
             let all_match = known_to_us() >= (fit + uncounted) as u64;
-            fitting.contains(&owner.1) && (all_match || subscriptions.iter().all(some))
+            // Which of them asks for what, only they themselves can show.
+            match namesakes.contains(&owner.1) {
+                true => all_match || subscriptions.iter().all(reported),
+                false => {
+                    fitting.contains(&owner.1) && (all_match || subscriptions.iter().all(some))
+                }
+            }
         };
         let knows = (know_us && known_to_us() == there as u64)
             || (since.elapsed() >= UNREPORTED && believed());
@@ -107,38 +128,41 @@ impl Topic {
     }
 
     /// The nodes that subscribe to it as what is played, in our domain.
-    fn fitting(&self) -> BTreeSet<String> {
+    fn fitting(&self) -> Fitting {
         let nodes = self.means.player.graph().unwrap_or_default();
         let ours =
             |(topic, of): &(String, String)| *topic == self.info.topic && *of == self.info.datatype;
-        let those = nodes.into_iter().filter(|one| one.subscribes.iter().any(ours));
-        those.map(|one| one.name).collect()
+        let (mut names, mut found) = (BTreeSet::new(), Fitting::default());
+        for node in nodes {
+            if !names.insert(node.name.clone()) {
+                found.namesakes.insert(node.name.clone());
+            }
+            if node.subscribes.iter().any(ours) {
+                found.fitting.insert(node.name);
+            }
+        }
+        found
     }
 
     /// Those that were waited for in vain, once something was `sent` that they can't have had.
     pub(super) fn refresh_unmatched(&self, links: &mut Vec<Arc<Link>>, sent: Totals) {
         let owners = if sent.messages() > 0 { self.unmatched() } else { BTreeSet::new() };
-        let names: BTreeSet<&String> = owners.iter().map(|(_, node)| node).collect();
-        let known: BTreeSet<String> =
-            links.iter().filter(|one| one.is_unmatched()).map(|one| one.node.clone()).collect();
+        let known: BTreeSet<Owner> = links.iter().filter_map(|one| one.unmatched_owner()).collect();
         // Who has matched after all has a line of its own, which lacks what it has not had.
-        let counted = |node: &str, links: &[Arc<Link>]| {
-            links.iter().any(|one| one.counted.is_some() && one.is_open() && one.node == node)
+        let counts = |owner: &Owner| links.iter().any(|one| one.is_open() && one.is_of(owner));
+        let gone = known.difference(&owners);
+        let (matched, left): (BTreeSet<Owner>, BTreeSet<Owner>) = gone.cloned().partition(counts);
+        let is_in = |all: &BTreeSet<Owner>, one: &Link| {
+            one.unmatched_owner().is_some_and(|owner| all.contains(&owner))
         };
-        let replaced: BTreeSet<String> = known
-            .iter()
-            .filter(|one| !names.contains(one) && counted(one, links))
-            .cloned()
-            .collect();
-        links.retain(|one| !one.is_unmatched() || !replaced.contains(&one.node));
-        for link in links.iter().filter(|one| one.is_unmatched() && !names.contains(&one.node)) {
-            link.close();
-        }
-        for name in names.iter().filter(|name| !known.contains(**name)) {
-            let of_name = links.iter().filter(|link| link.node == **name);
+        links.retain(|one| !is_in(&matched, one));
+        links.iter().filter(|one| is_in(&left, one)).for_each(|one| one.close());
+        for (process, node) in owners.difference(&known) {
+            let of_name = links.iter().filter(|link| link.node == *node);
             let instance = of_name.map(|link| link.instance + 1).max().unwrap_or(0);
             let id = self.means.links.fetch_add(1, Ordering::Relaxed);
-            links.push(Arc::new(Link::unmatched(id, ((*name).clone(), instance), sent)));
+            let name = (node.clone(), instance);
+            links.push(Arc::new(Link::unmatched(id, name, *process, sent)));
         }
     }
 
@@ -146,10 +170,11 @@ impl Topic {
     /// waits meanwhile. A look takes in who has matched after all, or is gone.
     pub(super) fn note_unmatched(&self) {
         let links = self.links();
-        let has_link = |node: &str| links.iter().any(|one| one.is_unmatched() && one.node == node);
-        let is_new = |(owner, since): (&Owner, &Instant)| {
-            since.elapsed() >= UNREPORTED && !has_link(&owner.1)
+        let has_link = |owner: &Owner| {
+            links.iter().any(|one| one.unmatched_owner().is_some_and(|known| known == *owner))
         };
+        let is_new =
+            |(owner, since): (&Owner, &Instant)| since.elapsed() >= UNREPORTED && !has_link(owner);
         if self.strangers().iter().any(is_new) {
             let mut links = Vec::clone(&links);
             let sent = self.sent().totals;

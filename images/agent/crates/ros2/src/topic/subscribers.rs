@@ -112,6 +112,10 @@ impl Topic {
         if !at_once && !self.knows_us(owner, subscriptions, look, known.is_some()) {
             return Ok(());
         }
+        if at_once {
+            // It counts from now on, and is waited for no more.
+            self.strangers().remove(owner);
+        }
         let missed = if at_once { missed } else { Totals::default() };
         if let Some(link) = known {
             if let Some(counted) = link.counted.as_ref().filter(|_| !at_once) {
@@ -169,6 +173,8 @@ impl Topic {
         (look, missed): (&Look, Totals),
     ) {
         let without = |link: &&Arc<Link>| link.is_uncounted();
+        // Whom its process has listed meanwhile, or who has gone, before anything was sent to it.
+        links.retain(|link| !without(&link) || names.contains(&link.node) || link.sent() > 0);
         for link in links.iter().filter(without).filter(|link| !names.contains(&link.node)) {
             link.close();
         }

@@ -5,9 +5,9 @@ use std::time::Duration;
 use bagpipe_replay::{Mode, Progress, Replayed, Stage, Strength};
 use bagpipe_ros2ledger::Kind;
 
-use crate::scene::{Ask, DEFAULT, Scene, recording_of};
+use crate::scene::{Ask, DEFAULT, Scene, recorded, recording_of};
 use crate::standin::{Node, eventually};
-use crate::{RELIABLE, counts, queue, start_lane, start_lane_of, strings};
+use crate::{OUT, RELIABLE, counts, queue, start_lane, start_lane_of, strings};
 
 /// A node's lines: what was sent to it and received of that, and how far that is proved.
 fn lines_of(replayed: &Replayed, node: &str) -> Vec<(u64, u64, Strength)> {
@@ -108,4 +108,154 @@ fn two_processes_of_one_name_have_a_line_each_though_one_had_no_subscription_for
     assert_eq!(lines.len(), 2, "{lines:?}");
     // Each lacks what the other had alone: the second one the first 500 at least.
     assert!(lines.iter().all(|(all, received, _)| *all == 5000 && *received <= 4500), "{lines:?}");
+}
+
+const TIMELY: &str = "  deadline: {sec: 1, nsec: 0}\n  liveliness: manual_by_topic\n  \
+                      liveliness_lease_duration: {sec: 20, nsec: 0}\n";
+
+#[test]
+fn who_asks_for_the_recorded_deadline_and_liveliness_is_played_to_and_who_asks_for_more_is_named() {
+    let recorded_as = strings(&[RELIABLE, TIMELY].concat());
+    let scene = Scene::new();
+    let start = |name, presence, output: &[&str]| {
+        let input = ["--presence", presence, "--sub", "/in:std_msgs/msg/String:10:reliable"];
+        scene.start("standin_node", &[&["--name", name], output, &input].concat())
+    };
+    let _lane = start("/lane", "1000:20000:manual", &[&["--relay", "/in=/out"], &OUT[..]].concat());
+    let _strict = start("/strict", "999:0:automatic", &[]);
+    let ask = Ask { mode: Mode::Max, ..DEFAULT };
+    let replayed = scene.play(&recording_of(&recorded_as, 50, 60), &ask).unwrap();
+    assert_eq!(lines_of(&replayed, "/lane"), [(50, 50, Strength::Called)]);
+    assert_eq!(lines_of(&replayed, "/strict"), []);
+    let why = "/strict subscribes to /in, but it wants them within a deadline that the recorded publishers \
+               did not offer: set its quality of service";
+    assert_eq!(replayed.playback.warnings[0], why);
+}
+
+#[test]
+fn what_was_recorded_without_a_deadline_is_played_without_one() {
+    let scene = Scene::new();
+    let asks = ["--presence", "1000:0:automatic", "--sub", "/in:std_msgs/msg/String:10:reliable"];
+    let _strict = scene.start("standin_node", &[&["--name", "/strict"], &asks[..]].concat());
+    let _lane = start_lane(&scene, "10", &[]);
+    let ask = Ask { mode: Mode::Max, ..DEFAULT };
+    let replayed = scene.play(&recording_of(&strings(RELIABLE), 50, 60), &ask).unwrap();
+    assert_eq!(lines_of(&replayed, "/strict"), []);
+    assert!(replayed.playback.warnings[0].starts_with("/strict subscribes to /in, but it wants"));
+}
+
+#[test]
+fn the_recording_has_the_deadline_and_the_liveliness_that_the_stack_offers() {
+    let scene = Scene::new();
+    let lane =
+        ["--name", "/lane", "--relay", "/in=/out", "--sub", "/in:std_msgs/msg/String:10:reliable"];
+    let offers = [&["--presence", "1000:20000:manual"], &OUT[..]].concat();
+    let _lane = scene.start("standin_node", &[&lane[..], &offers].concat());
+    let ask = Ask { mode: Mode::Lockstep, ..DEFAULT };
+    let replayed = scene.play(&recording_of(&strings(RELIABLE), 20, 60), &ask).unwrap();
+    let made = bagpipe_mcap::Mcap::open(replayed.recorded_bag.clone()).unwrap();
+    let out = made.connections().iter().find(|one| one.topic == "/out").unwrap();
+    let offered = out.offered_qos.clone().unwrap();
+    assert!(offered.contains("deadline: {sec: 1, nsec: 0}\n"), "{offered}");
+    assert!(offered.contains("liveliness: manual_by_topic\n"), "{offered}");
+    assert!(offered.contains("liveliness_lease_duration: {sec: 20, nsec: 0}\n"), "{offered}");
+    assert_eq!(recorded(&replayed).len(), 20);
+}
+
+#[test]
+fn who_is_waited_for_when_the_first_message_goes_out_by_the_clock_has_all_of_them_in_one_line() {
+    let scene = Scene::new();
+    let (deep, late) = (queue("10000"), "4000000");
+    let _lane = scene.start("standin_node", &["--name", "/lane", "--sub", &deep]);
+    // What the start waits for, so that it ends while the next one is known for less than that.
+    let first = ["--name", "/first", "--sub", &deep, "--spins-late-us", late];
+    let _first = scene.start("standin_node", &first);
+    scene.await_subscriptions(2);
+    let mut second = None;
+    let mut begun = None;
+    let mut seen = |progress: Progress| {
+        let begun = begun.get_or_insert_with(std::time::Instant::now);
+        if progress.stage == Stage::Subscribe
+            && second.is_none()
+            && begun.elapsed() >= Duration::from_millis(1_900)
+        {
+            let words = ["--name", "/second", "--sub", &deep, "--spins-late-us", "3000000"];
+            second = Some(scene.start("standin_node", &words));
+        }
+    };
+    let ask = Ask { mode: Mode::Realtime, drain: Duration::from_secs(10), ..DEFAULT };
+    let replayed =
+        scene.play_while(&recording_of(&strings(RELIABLE), 6_000, 60), &ask, &mut seen).unwrap();
+    for node in ["/lane", "/first", "/second"] {
+        assert_eq!(lines_of(&replayed, node), [(6_000, 6_000, Strength::Called)], "{node}");
+    }
+}
+
+#[test]
+fn of_two_processes_of_one_name_the_line_of_who_never_matched_stays_when_it_ends() {
+    let scene = Scene::new();
+    let _lane = start_lane(&scene, "10", &["--delay-us", "1000"]);
+    let mut other = None;
+    let mut seen = |progress: Progress| {
+        if progress.stage != Stage::Play {
+            return;
+        }
+        if progress.sent > 500 && other.is_none() {
+            let words = ["--name", "/lane", "--sub", "/in:sensor_msgs/msg/Imu:10:reliable"];
+            other = Some(Some(scene.start("standin_node", &words)));
+        }
+        if progress.sent > 2_500 {
+            other.as_mut().map(Option::take);
+        }
+    };
+    let ask = Ask { mode: Mode::Max, drain: Duration::from_secs(3), ..DEFAULT };
+    let replayed =
+        scene.play_while(&recording_of(&strings(RELIABLE), 4_000, 60), &ask, &mut seen).unwrap();
+    let [(4_000, 4_000, Strength::Called), (4_000, 0, Strength::Sent)] =
+        lines_of(&replayed, "/lane")[..]
+    else {
+        panic!("{:?}", replayed.ledger);
+    };
+}
+
+#[test]
+fn of_two_processes_of_one_name_that_ask_for_two_types_the_one_that_fits_is_counted() {
+    for first in ["sensor_msgs/msg/Imu", "std_msgs/msg/String"] {
+        let all = ["sensor_msgs/msg/Imu", "std_msgs/msg/String"];
+        let scene = Scene::new();
+        let start = |of: &str| {
+            let input = format!("/in:{of}:10:reliable");
+            scene.start("standin_node", &["--name", "/lane", "--sub", &input])
+        };
+        let _one = start(first);
+        let _other = start(all.iter().find(|of| **of != first).unwrap());
+        scene.await_subscriptions(2);
+        let ask = Ask { drain: Duration::from_secs(3), ..DEFAULT };
+        let replayed = scene.play(&recording_of(&strings(RELIABLE), 300, 60), &ask).unwrap();
+        let mut lines = lines_of(&replayed, "/lane");
+        lines.sort_unstable();
+        assert_eq!(lines, [(300, 0, Strength::Sent), (300, 300, Strength::Called)], "{first}");
+    }
+}
+
+#[test]
+fn who_is_in_the_graph_before_its_process_has_listed_it_is_proved_once_it_has() {
+    let scene = Scene::new();
+    // What the start waits for meanwhile.
+    let first = ["--name", "/first", "--sub", &queue("10"), "--spins-late-us", "4000000"];
+    let _first = scene.start("standin_node", &first);
+    scene.await_subscriptions(1);
+    let mut second = None;
+    let mut seen = |progress: Progress| {
+        if progress.stage == Stage::Subscribe && second.is_none() {
+            let words = ["--name", "/second", "--sub", &queue("10"), "--lists-late-ms", "1500"];
+            second = Some(scene.start("standin_node", &words));
+        }
+    };
+    let ask = Ask { mode: Mode::Max, drain: Duration::from_secs(3), ..DEFAULT };
+    let replayed =
+        scene.play_while(&recording_of(&strings(RELIABLE), 300, 60), &ask, &mut seen).unwrap();
+    for node in ["/first", "/second"] {
+        assert_eq!(lines_of(&replayed, node), [(300, 300, Strength::Called)], "{node}");
+    }
 }

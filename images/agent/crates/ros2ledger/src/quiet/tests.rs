@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 
 use super::*;
-use crate::{Durability, EndpointId, Qos, Strength};
+use crate::{Durability, EndpointId, Presence, Qos, Strength};
 
 const ALIVE: u32 = 1;
 const DEAD: u32 = 2;
@@ -19,6 +19,7 @@ fn endpoint(slot: usize, kind: Kind, topic: &str, counts: Counts) -> Endpoint {
         depth: 10,
         reliability: Reliability::Reliable,
         durability: Durability::Volatile,
+        presence: Presence::NONE,
     };
     Endpoint {
         id: EndpointId { slot, generation: 1 },

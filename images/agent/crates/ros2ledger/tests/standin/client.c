@@ -342,8 +342,15 @@ static void obey(char **argv, const char *verb, const char *topic, uint64_t n, c
   /* Publishers are reliable, and so is a subscription that asks for it. */
   struct qos qos = {1, n, verb[0] == 'p' || !strcmp(way, "reliable") ? 1 : 2, 2, {0}};
   struct qos chosen_by_middleware = {0, 0, 0, 0, {0}};
+  /* A deadline of 1.25 s, no lifespan, manual by topic, a lease of 2 s; and without end, as rmw says it. */
+  struct qos timely = {1, 5, 1, 2, {1, 250000000, 0, 0, 3, 2, 0, 0}};
+  struct qos endless = {1, 5, 1, 2, {9223372036, 854775807, 0, 0, 1, 9223372036, 854775806, 0}};
   pthread_t thread;
   if (!strcmp(verb, "sub")) subscriptions[subscription_count++] = subscribe(topic, qos, way);
+  else if (!strcmp(verb, "timely"))
+    subscriptions[subscription_count++] = subscribe(topic, timely, way);
+  else if (!strcmp(verb, "endless"))
+    subscriptions[subscription_count++] = subscribe(topic, endless, way);
   else if (!strcmp(verb, "default"))
     subscriptions[subscription_count++] = subscribe(topic, chosen_by_middleware, way);
   else if (!strcmp(verb, "subs"))

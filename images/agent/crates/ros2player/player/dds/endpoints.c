@@ -37,6 +37,10 @@ static dds_qos_t *qos_of(const struct qos *wanted) {
     dds_qset_durability_service(qos, 0, history, depth, DDS_LENGTH_UNLIMITED, DDS_LENGTH_UNLIMITED,
                                 DDS_LENGTH_UNLIMITED);
   }
+  if (wanted->deadline > 0) dds_qset_deadline(qos, (dds_duration_t)wanted->deadline);
+  if (wanted->manual || wanted->lease > 0)
+    dds_qset_liveliness(qos, wanted->manual ? DDS_LIVELINESS_MANUAL_BY_TOPIC : DDS_LIVELINESS_AUTOMATIC,
+                        wanted->lease > 0 ? (dds_duration_t)wanted->lease : DDS_INFINITY);
   dds_qset_writer_data_lifecycle(qos, false);
   dds_qset_ignorelocal(qos, DDS_IGNORELOCAL_NONE);
   return qos;

@@ -8,13 +8,21 @@
 static struct blob publishers[PLAYER_ENDPOINTS], subscriptions[PLAYER_ENDPOINTS];
 static struct serialized buffer; /* of what was taken */
 
+static struct rmw_time time_of(uint64_t nanoseconds) {
+  return (struct rmw_time){nanoseconds / 1000000000, nanoseconds % 1000000000};
+}
+
+/* What is not asked for stays as rcl has it. */
 static void qos_into(struct blob *options, const struct qos *qos) {
-  struct qos head;
+  struct rmw_qos head;
   memcpy(&head, options, sizeof head);
   head.history = qos->history;
   head.depth = qos->depth;
   head.reliability = qos->reliability;
   head.durability = qos->durability;
+  if (qos->deadline > 0) head.deadline = time_of(qos->deadline);
+  if (qos->lease > 0) head.lease = time_of(qos->lease);
+  if (qos->manual) head.liveliness = LIVELINESS_MANUAL_BY_TOPIC;
   memcpy(options, &head, sizeof head);
 }
 

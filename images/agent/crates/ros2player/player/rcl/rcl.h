@@ -10,6 +10,7 @@
 
 #define RCL_OK 0
 #define RCL_TIMEOUT 2
+#define LIVELINESS_MANUAL_BY_TOPIC 3 /* rmw's */
 #define RCL_TAKE_FAILED 401 /* there was nothing */
 
 struct blob {
@@ -27,10 +28,22 @@ struct serialized {
   size_t length, capacity;
   struct allocator allocator;
 };
+struct rmw_time {
+  uint64_t seconds, nanoseconds;
+};
+/* rmw_qos_profile_t. */
+struct rmw_qos {
+  int history;
+  size_t depth;
+  int reliability, durability;
+  struct rmw_time deadline, lifespan;
+  int liveliness;
+  struct rmw_time lease;
+  bool without_prefixes;
+};
 /* The options of both kinds of endpoint begin with the quality of service: a subscription's, up to what it says of its own node's publishers. */
 struct subscription_options {
-  struct qos qos;
-  uint64_t rest_of_qos[8];
+  struct rmw_qos qos;
   struct allocator allocator;
   void *payload;
   bool ignore_local_publications;

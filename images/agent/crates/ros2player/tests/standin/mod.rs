@@ -14,8 +14,8 @@ use std::time::{Duration, Instant};
 
 use bagpipe_ros2ledger::{Endpoint, Kind, LIBRARY, Ledger};
 use bagpipe_ros2player::{
-    DDS_PROGRAM, Durability, History, PROGRAM, Player, PlayerError, PlayerOptions, PublisherId,
-    Qos, Reliability, SubscriptionId,
+    DDS_PROGRAM, Durability, History, PROGRAM, Player, PlayerError, PlayerOptions, Presence,
+    PublisherId, Qos, Reliability, SubscriptionId,
 };
 
 /// What no test should need, however slow the machine is.
@@ -25,6 +25,7 @@ pub const RELIABLE: Qos = Qos {
     history: History::KeepLast(10),
     reliability: Reliability::Reliable,
     durability: Durability::Volatile,
+    presence: Presence::NONE,
 };
 pub const ALL: Qos = Qos { history: History::KeepAll, ..RELIABLE };
 
