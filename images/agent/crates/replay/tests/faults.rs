@@ -3,8 +3,6 @@
 #[path = "../../ros1/tests/graph/mod.rs"]
 mod graph;
 mod scene;
-#[path = "../../rosbag/tests/witness/mod.rs"]
-mod witness;
 
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
@@ -15,7 +13,6 @@ use std::time::Duration;
 use bagpipe_replay::{Cancellation, Mode, Pause, ReplayError, Stage, replay};
 use graph::Graph;
 use scene::{TMP, bag_of_words, node, request, run, words};
-use witness::Witness;
 
 #[test]
 fn a_stack_that_never_subscribes_is_named_with_what_it_subscribes_to() {
@@ -116,16 +113,14 @@ fn place_of_topic(uri: &str, topic: &str) -> String {
     format!("127.0.0.1:{port}")
 }
 
-/// The end of a play whose drain deadline is half a second: by its own account, which may only be
-/// longer where the machine stood still.
-fn read_nothing_for_half_a_second(error: &ReplayError, name: &str, witness: Witness) {
+/// The end of a play whose drain deadline is half a second, by its own account. That it is no longer is
+/// tested where nothing but the questions whether to give up is counted (`bagpipe-ros1`'s publisher).
+fn read_nothing_for_half_a_second(error: &ReplayError, name: &str) {
     let ReplayError::StackStoppedReading { node, topic, waited } = error else {
         panic!("{error}");
     };
     assert_eq!((node.as_str(), topic.as_str()), (name, "/talk"));
-    let excuse = witness.excuse();
     assert!(*waited >= Duration::from_millis(500), "{waited:?}");
-    assert!(*waited < Duration::from_millis(600) || excuse.is_some(), "{waited:?}");
     let seconds = waited.as_secs_f64();
     let sentence = format!(
         "the node {name} has taken nothing from /talk for {seconds:.1} s although messages wait for \
@@ -144,14 +139,13 @@ fn a_subscriber_that_stops_reading_is_named_and_nothing_hangs() {
     let mut request = request(&bag, &graph.uri);
     request.topics = vec!["/talk".to_owned()];
     request.drain_deadline = Duration::from_millis(500);
-    let witness = Witness::start();
     let error = std::thread::scope(|scope| {
         let deaf = scope.spawn(|| deaf_subscriber(&graph, "/talk"));
         let error = run(&bag, &request).unwrap_err();
         drop(deaf.join().unwrap());
         error
     });
-    read_nothing_for_half_a_second(&error, "/deaf", witness);
+    read_nothing_for_half_a_second(&error, "/deaf");
 }
 
 #[test]
@@ -170,10 +164,9 @@ fn a_real_node_that_is_stopped_in_the_middle_is_named_and_nothing_hangs() {
             graph.run("/bin/kill", &["-STOP", &node.id().to_string()]);
         }
     };
-    let witness = Witness::start();
     let error = replay(&bag, &request, &mut progress, &|| None).unwrap_err();
     assert!(stopped.get());
-    read_nothing_for_half_a_second(&error, "/words", witness);
+    read_nothing_for_half_a_second(&error, "/words");
 }
 
 #[test]

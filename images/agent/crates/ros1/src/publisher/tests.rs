@@ -203,6 +203,28 @@ fn who_reads_late_has_held_up_the_play_from_the_first_counted_message_on() {
 }
 
 #[test]
+fn who_takes_no_byte_is_waited_for_as_long_as_the_limit_and_no_longer() {
+    let info = TopicInfo { topic: "/talk".to_owned(), ..TopicInfo::default() };
+    let stall = Duration::from_millis(200);
+    let publication = Publication::new(info, stall);
+    let (deaf, _reads_nothing) = connection();
+    publication.welcome("/player", &header("/deaf"), deaf).unwrap();
+    let mut asked = 0;
+    let mut ask = || {
+        asked += 1;
+        false
+    };
+    let sent = publication.send(Share::Counted, &[&frame(16 << 20, 1)], &mut ask);
+    let Err(SendError::Stalled { node, topic, waited }) = sent else { panic!("{sent:?}") };
+    assert_eq!((node.as_str(), topic.as_str()), ("/deaf", "/talk"));
+    assert!(waited >= stall, "{waited:?}");
+    // Each question is followed by a wait of 20 ms, on a machine that stands still by a longer one. What
+    // the kernel takes at first, it may take in several goes.
+    let most = stall.div_duration_f64(LOOK) as u32 + 5;
+    assert!((1..=most).contains(&asked), "{asked} questions");
+}
+
+#[test]
 fn a_partial_write_continues_inside_the_right_frame() {
     let frames: [&[u8]; 3] = [b"aaaa", b"bb", b"cccccc"];
     assert_eq!(advance(&frames, 3), (&frames[..], 3));
