@@ -161,11 +161,14 @@ impl Graph {
             .collect();
         let endpoints = self.ledger().endpoints().map_err(failed)?;
         let due = all.into_iter().map(|(input, handed)| {
+            // Once more, as all endpoints take a while: what is published between its publisher's count and
+            // the mark is not due, and would stand for what is lost.
+            let again = |one: &Endpoint| self.ledger().counts(one.id).unwrap_or(one.counts);
+            let now = published_on(&input.topic, &endpoints);
+            let now: Vec<_> = now.map(|one| (one.id, Publishes::of(&again(one)))).collect();
             // Behind the counts: whoever publishes counts it after its message has a stamp.
             input.arrivals.mark(source_now);
-            let now = published_on(&input.topic, &endpoints);
-            let now = now.map(|one| (one.id, Publishes::of(&one.counts)));
-            input.account().look(now, handed, false);
+            input.account().look(now.into_iter(), handed, false);
             let due = input.account().due();
             (input, due)
         });

@@ -54,11 +54,6 @@ impl Topic {
         }
     }
 
-    /// Whether somebody may still match us who is waited for.
-    pub(super) fn has_young_strangers(&self) -> bool {
-        self.strangers().values().any(|since| since.elapsed() < UNREPORTED)
-    }
-
     /// Whether somebody is to be waited for who subscribes and does not know us yet, or has just left
     /// to subscribe again, and was not waited for in vain. By the clock nobody is.
     pub(super) fn has_strangers(&self) -> bool {

@@ -115,12 +115,8 @@ impl Topic {
         let by_the_clock = self.means.paced_by == PacedBy::Schedule;
         // Where nobody is new, nobody has missed what went out by now.
         if by_the_clock && self.listed.load(Ordering::Relaxed) == self.means.ledger.listed() {
-            let sent = self.sent().totals;
-            // Who is there without a link has missed it.
-            if !self.has_young_strangers() {
-                looked.counted = sent;
-            }
-            looked.handed = sent;
+            looked.counted = self.sent().totals;
+            looked.handed = looked.counted;
             looked.handed.add(share, bytes);
             looked.handed_at = source_now();
         }

@@ -85,7 +85,7 @@ impl Topic {
         for (owner, subscriptions) in &nodes {
             let behind = subscriptions.iter().all(|one| one.late && one.after > handed_at);
             let missed = if behind { missed_behind } else { missed };
-            self.welcome(links, owner, subscriptions, (look, missed))?;
+            self.welcome(links, owner, subscriptions, (look, sent, missed))?;
         }
         self.refresh_unmatched(links, sent);
         self.listed.store(look.listed, Ordering::Relaxed);
@@ -93,39 +93,43 @@ impl Topic {
     }
 
     /// A node subscribes: if it is new, or has come back, it has a link from now on, or from when it
-    /// knows us. By the clock nobody waits for that once the play has begun: `missed` went out since
-    /// it was not there.
+    /// knows us. By the clock nobody waits for that once the play has begun: of all that was `sent` by now
+    /// it lacks what it did not take, if it was there before, or else of what it may have `missed` since
+    /// the last look.
     fn welcome(
         &self,
         links: &mut Vec<Arc<Link>>,
         owner: &Owner,
         subscriptions: &[&Endpoint],
-        (look, missed): (&Look, Totals),
+        (look, sent, missed): (&Look, Totals, Totals),
     ) -> Result<(), LedgerError> {
         let known = links.iter().rev().find(|link| link.is_of(owner)).cloned();
         if known.as_ref().is_some_and(|link| link.is_open()) {
             return Ok(());
         }
-        let begun = self.sent().totals.messages() > 0;
-        let waited = self.strangers().get(owner).is_some_and(|since| since.elapsed() >= UNREPORTED);
-        let at_once = begun && !waited && self.means.paced_by == PacedBy::Schedule;
+        let by_the_clock = sent.messages() > 0 && self.means.paced_by == PacedBy::Schedule;
+        let since = self.strangers().get(owner).copied();
+        let waited = since.is_some_and(|since| since.elapsed() >= UNREPORTED);
+        let at_once = by_the_clock && !waited;
         if !at_once && !self.knows_us(owner, subscriptions, look, known.is_some()) {
             return Ok(());
         }
-        if at_once {
-            // It counts from now on, and is waited for no more.
-            self.strangers().remove(owner);
-        }
-        let missed = if at_once { missed } else { Totals::default() };
+        self.strangers().remove(owner);
+        let missed = match (by_the_clock, since) {
+            (false, _) => Totals::default(),
+            // Who is waited for by the clock was there before the first message.
+            (true, Some(_)) => sent,
+            (true, None) => missed,
+        };
         if let Some(link) = known {
-            if let Some(counted) = link.counted.as_ref().filter(|_| !at_once) {
+            if let Some(counted) = link.counted.as_ref().filter(|_| !by_the_clock) {
                 counted.begin(&self.means.ledger)?;
             }
             link.open(missed);
             return Ok(());
         }
-        let is_known = self.means.player.gid(self.publisher).is_some();
-        let counted = Subscriptions::new(subscriptions, &self.means.ledger, (is_known, at_once))?;
+        let known = self.means.player.gid(self.publisher).is_some();
+        let counted = Subscriptions::new(subscriptions, &self.means.ledger, (known, by_the_clock))?;
         let name = Self::named(links, &owner.1, look);
         links.push(self.link(name, counted, missed));
         Ok(())
