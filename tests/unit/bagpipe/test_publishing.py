@@ -13,7 +13,7 @@ from bagpipe.driver.keep import Keeper
 from bagpipe.driver.progress import Progress
 from bagpipe.driver.results import results_uri
 from bagpipe.run.case_run import unplanned_row
-from bagpipe.storage import StorageError
+from bagpipe.storage import Storage, StorageError
 from tests.unit.bagpipe.drivers import MISSING, World, finish, ran
 from tests.unit.bagpipe.places import By, nothing
 
@@ -157,6 +157,43 @@ def test_a_manifest_says_whose_job_it_is_and_what_became_of_it(world: World) -> 
          "starts": None, "discarded": [short], "quarantined": False},
     ]  # fmt: skip
     assert (manifest["counts"]["passed"], manifest["counts"]["discarded"]) == (1, 1)
+
+
+def test_a_manifest_says_from_when_to_when_its_job_ran(world: World) -> None:
+    keeper, journal = world.driver()
+    keeper.progress.began, keeper.progress.ended = 86_400.0, 86_490.5
+    keeper.progress.begin(1)
+    keeper.take([ran("a")])
+    finish(keeper)
+    provenance = world.results.commit(keeper.rows, keeper.progress, journal.driver)["provenance"]
+    assert [provenance[name] for name in ("began", "ended", "seconds")] == [
+        "1970-01-02T00:00:00Z", "1970-01-02T00:01:30Z", 90.5,
+    ]  # fmt: skip
+
+
+def test_what_counts_is_found_whatever_the_order_of_a_manifest_s_fields(world: World) -> None:
+    """A driver of another release may write them in another one."""
+    manifest, keeper, journal = committed(world)
+    turned = [dict(reversed(entry.items())) for entry in manifest["cases"]]
+    world.results.publish(manifest | {"cases": turned}, keeper.rows.rows, journal)
+    assert [row["case"] for row in world.lines()] == ["a", "b"]
+
+
+def test_a_manifest_is_for_people_too_and_is_read_up_to_a_gibibyte(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    committed(world)
+    text = (world.folder / "manifest.json").read_text()
+    assert text.startswith('{\n "schema": "sim.bagpipe.io/manifest/v1alpha1",\n "job": {\n  "name"')
+    most: list[int] = []
+
+    def read_all(_storage: Storage, uri: str, bytes_at_most: int) -> bytes:
+        most.append(bytes_at_most)
+        return (world.folder / uri.rpartition("/")[2]).read_bytes()
+
+    monkeypatch.setattr(Storage, "read_all", read_all)
+    assert world.results.committed() == json.loads(text)
+    assert most == [1024**3]
 
 
 def test_nothing_is_committed_without_a_manifest_and_a_broken_one_is_reported(
