@@ -82,6 +82,13 @@ def test_only_what_passed_is_taken_over_with_the_place_of_its_recordings(
     assert taken[0]["result"] == ROWS[0]["result"]
 
 
+def test_neither_a_bag_without_a_case_nor_a_case_s_second_row_hides_what_comes_later(
+    world: World,
+) -> None:
+    world.publish(unplanned_row(MISSING), ran("a"), ran("a", "failed", reason="X"), ran("b"))
+    assert [row["case"] for row in world.taken()] == ["a", "b"]
+
+
 def test_what_was_taken_over_once_keeps_its_origin(world: World) -> None:
     world.publish(ran("a", recorded="pvc://results/out/oldest/u/cases/a.bag", ran_in="oldest"))
     (row,) = world.taken()
