@@ -3,15 +3,17 @@
 import threading
 import time
 from collections import Counter
+from contextlib import ExitStack
 from dataclasses import replace
 
 import pytest
 
-from bagpipe.driver import refused_lately
+from bagpipe.driver import own_claim, refused_lately
 from bagpipe.driver import seat as seats
 from bagpipe.driver.refused_lately import RefusedLately
 from bagpipe.driver.seat import Claimed, Offer, Seat
 from bagpipe.spec import JobFile
+from bagpipe_operator.settings import Settings
 from tests.unit.bagpipe.jobs import make_job
 from tests.unit.bagpipe.offers import offer_of
 from tests.waiting import PATIENCE, wait_until
@@ -25,7 +27,13 @@ class World:
         self.claims: dict[str, Claimed] = {}
         self.broken = False
         self.asked: list[str] = []
-        self.seat = Seat("d", "lab", 300.0, self.look_up, lambda: self.now)
+        self.looks = 0
+        self.seat = Seat("d", "lab", 300.0, self.look_up, self.monotonic)
+
+    def monotonic(self) -> float:
+        self.looks += 1
+        assert self.looks < 100_000, "who waits looks at the time without a pause"
+        return self.now
 
     def look_up(self, job: str) -> Claimed | None:
         self.asked.append(job)
@@ -74,6 +82,41 @@ def test_a_job_of_another_namespace_is_refused_without_a_question() -> None:
     elsewhere = replace(offer, namespace="elsewhere")
     assert world.seat.offer(elsewhere) == "refused"
     assert world.asked == []
+
+
+def test_a_driver_meets_a_thousand_jobs_and_takes_no_other() -> None:
+    world = World()
+    world.seat._met = {(f"uid-x{number}", 1) for number in range(999)}
+    assert world.seat.offer(world.offer("a")) == "taken"
+    world.seat.leave(stays=True)
+    assert world.seat.offer(world.offer("b")) == "refused"
+    assert world.seat.taken() is None
+
+
+@pytest.mark.parametrize(
+    ("refused", "line"), [(0, 0), (1, 1), (2, 2), (3, 3), (4, 3), (5, 3), (9, 3)]
+)
+def test_who_was_refused_waits_with_those_who_were_as_often_and_the_last_line_is_the_fourth(
+    monkeypatch: pytest.MonkeyPatch, refused: int, line: int
+) -> None:
+    monkeypatch.setattr(seats, "_TURN_SECONDS", 0.001)
+    world = World()
+    for number in range(refused):
+        assert world.seat.offer(world.offer(f"old-{number}", claimed=False)) == "refused"
+    lines = world.seat._looking_up
+    with lines[line].taken("another"):
+        assert world.seat.offer(world.offer("a")) == "unknown"
+    with ExitStack() as others:
+        for turns in lines[:line] + lines[line + 1 :]:
+            others.enter_context(turns.taken("another"))
+        assert world.seat.offer(world.offer("a")) == "taken"
+
+
+def test_who_waits_for_a_turn_and_a_look_up_is_answered_before_the_operator_goes() -> None:
+    """One that comes later counts as none."""
+    waits = [turns._patience_seconds for turns in World().seat._looking_up]
+    assert waits == [0.3] * 4
+    assert max(waits) + own_claim._PATIENCE_SECONDS < Settings.progress_seconds
 
 
 def test_two_jobs_do_not_sit_down_together() -> None:
