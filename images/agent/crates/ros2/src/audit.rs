@@ -50,8 +50,8 @@ impl Audit for Reader {
     }
 
     fn pid(&mut self, node: &str) -> Result<i32, GraphError> {
-        let endpoints = self.ledger.endpoints().map_err(failed)?;
-        let own = endpoints.iter().find(|one| one.node == node && !one.destroyed);
+        let look = Look::at(&self.ledger).map_err(failed)?;
+        let own = look.all_there().find(|one| one.node == node);
         let pid = own.and_then(|one| i32::try_from(one.process.pid).ok());
         pid.ok_or_else(|| failed(format!("{node} does not count, so its process is not known")))
     }

@@ -6,6 +6,7 @@ mod scene;
 #[path = "../../ros2player/tests/standin/mod.rs"]
 mod standin;
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use bagpipe_replay::{LedgerSubscriber, Mode, Progress, Replayed, Stage, Strength};
@@ -218,4 +219,19 @@ fn what_one_of_two_lost_that_goes_just_before_the_end_is_not_hidden_by_the_other
     let replayed = scene.play(&recording(&["/in"], 1700, 50), &ask).unwrap();
     let line = &lines(&replayed)[0];
     assert_eq!(line.strength, Strength::Sent, "{line:?}");
+}
+
+#[test]
+fn a_node_that_was_killed_and_started_again_is_known_by_the_process_that_runs() {
+    let scene = Scene::new();
+    let start = || scene.start("standin_node", &["--name", "/again", "--sub", TEN]);
+    let killed = start();
+    scene.await_subscriptions(1);
+    drop(killed);
+    let again = start();
+    scene.await_subscriptions(2);
+    let middleware = scene.middleware();
+    let node = scene::joined(&middleware, Arc::default());
+    let pid = node.audit(LONG).pid("/again").unwrap();
+    assert_eq!(u32::try_from(pid).unwrap(), again.pid());
 }

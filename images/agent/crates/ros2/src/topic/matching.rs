@@ -7,12 +7,14 @@ use std::time::{Duration, Instant};
 
 use bagpipe_graph::{Cancelled, PacedBy, SendError};
 use bagpipe_ros2ledger::{Endpoint, Event, Kind, Ledger, LedgerError};
+use bagpipe_ros2player::GraphNode;
 
 use super::Topic;
 use super::look::{Look, Owner};
 use super::sending::failed;
 use crate::absence::RENEWED;
 use crate::link::{Link, Totals};
+use crate::seen::is_of_command_line;
 
 /// A subscription whose process has not reported for so long whom it knows is believed to know us.
 pub(super) const UNREPORTED: Duration = Duration::from_secs(2);
@@ -113,13 +115,23 @@ impl Topic {
                 }
             }
         };
-        let knows = (know_us && known_to_us() == there as u64)
-            || (since.elapsed() >= UNREPORTED && believed());
+        let knows_all = || {
+            let known = known_to_us();
+            known == there as u64 || known == (there + self.watched_by_people()) as u64
+        };
+        let knows = (know_us && knows_all()) || (since.elapsed() >= UNREPORTED && believed());
         if knows {
             // When it subscribes again it is waited for again.
             self.strangers().remove(owner);
         }
         knows
+    }
+
+    /// How many nodes of the command line subscribe to it, as `ros2 topic echo` does.
+    fn watched_by_people(&self) -> usize {
+        let nodes = self.means.player.graph().unwrap_or_default();
+        let of_it = |one: &GraphNode| one.subscribes.iter().any(|on| on.0 == self.info.topic);
+        nodes.iter().filter(|one| is_of_command_line(&one.name) && of_it(one)).count()
     }
 
     /// The nodes that subscribe to it as what is played, in our domain.
