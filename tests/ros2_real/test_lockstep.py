@@ -94,6 +94,33 @@ def test_the_timers_of_a_node_that_starts_slowly_are_due_when_those_of_a_quick_o
     assert len(digests) == 1
 
 
+TICKING = [*NODE, "single", "Ticking", "--ros-args", "-p"]
+ANSWERING = [*PYTHON, "--ros-args", "-p"]
+
+
+@pytest.mark.parametrize(
+    ("command", "may_differ"),
+    [
+        ([*TICKING, "wall:=true"], True),
+        ([*ANSWERING, "wall_ms:=5"], True),
+        ([*TICKING, "wall:=false"], False),
+        ([*ANSWERING, "sim_ms:=5"], False),
+    ],
+    ids=["rclcpp, wall", "rclpy, wall", "rclcpp, simulated", "rclpy, simulated"],
+)
+def test_who_may_differ_from_run_to_run_is_named(
+    trial: Trial, command: list[str], *, may_differ: bool
+) -> None:
+    fields = {"stack": {"parameters": SIM_TIME}, "record": {"topics": ["/.*"]}}
+    row = trial.run(trial.spec(command, {"mode": "lockstep"}, **fields))
+    warnings = row["result"]["playback"].get("warnings", [])
+    named = [words for words in warnings if "differ" in words]
+    assert len(named) == may_differ, warnings
+    for words in named:
+        assert words.startswith("timers of the machine's clock called back")
+        assert "/ticking" in words or "/answering" in words
+
+
 @pytest.mark.usefixtures("busy")
 @pytest.mark.parametrize("executor", ["single", "multi"])
 def test_twenty_runs_beside_busy_loops_record_the_same_bytes(trial: Trial, executor: str) -> None:

@@ -1,11 +1,16 @@
 #!/usr/bin/env python3
-"""Answers each message of in on out, in Python; with the parameter `deaf` no SIGINT ends it."""
+"""Answers each message of in on out, in Python; with the parameter `deaf` no SIGINT ends it.
+
+With `wall_ms` a timer of the machine's clock does nothing that often, with `sim_ms` one of
+the node's clock.
+"""
 
 import contextlib
 import signal
 
 import rclpy
 from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import Imu
@@ -23,6 +28,16 @@ class Answering(Node):
         self.subscription = self.create_subscription(
             Imu, "in", self.answer, 10, callback_group=group
         )
+
+        for name, clock in (
+            ("wall_ms", Clock(clock_type=ClockType.STEADY_TIME)),
+            ("sim_ms", self.get_clock()),
+        ):
+            if period := self.declare_parameter(name, 0).value:
+                self.create_timer(period / 1000, self.tick, clock=clock)
+
+    def tick(self):
+        pass
 
     def answer(self, message):
         stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec

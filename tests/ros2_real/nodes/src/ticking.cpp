@@ -1,6 +1,6 @@
 // A timer by the node's own clock, which is simulated where use_sim_time says so, publishes how many
 // messages of in there were by then; its first tick is the first multiple of its period. Between its
-// subscription and its timer it computes for starts_ms.
+// subscription and its timer it computes for starts_ms. With wall it is one of the machine's clock.
 #include <chrono>
 #include <string>
 
@@ -24,7 +24,10 @@ public:
          std::chrono::steady_clock::now() - begun < starts;)
       ;
     const auto period = std::chrono::milliseconds(declare_parameter("period_ms", 20));
-    timer_ = rclcpp::create_timer(this, get_clock(), period, [this] { tick(); });
+    if (declare_parameter("wall", false))
+      timer_ = create_wall_timer(period, [this] { tick(); });
+    else
+      timer_ = rclcpp::create_timer(this, get_clock(), period, [this] { tick(); });
   }
 
 private:

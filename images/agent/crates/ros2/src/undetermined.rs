@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Mutex, PoisonError};
 
-use bagpipe_ros2ledger::{Endpoint, Kind, Ledger, LedgerError, Process, ProcessId, Strength};
+use bagpipe_ros2ledger::{Endpoint, Ledger, LedgerError, Process, ProcessId};
 
 /// Calls of timers that go by the machine's clock, of each process, when the play began.
 #[derive(Default)]
@@ -31,27 +31,14 @@ fn remarks(
 ) -> Vec<String> {
     let mut remarks = Vec::new();
     for process in processes {
-        let of_it: Vec<&Endpoint> =
-            endpoints.iter().filter(|one| one.process == process.id).collect();
-        let nodes = named(&of_it);
         let calls =
             process.machine_timers.saturating_sub(before.get(&process.id).copied().unwrap_or(0));
         if calls > 0 {
+            let nodes = named(process.id, endpoints);
             remarks.push(format!(
                 "timers of the machine's clock called back {calls} times in {nodes} during the play: \
                  how often differs from run to run, and so may what it publishes; give it timers of \
                  its node's clock (create_timer), and use_sim_time"
-            ));
-        }
-        let has_no_ends = |one: &&Endpoint| {
-            one.kind == Kind::Subscription
-                && one.strength < Strength::Called
-                && one.counts.taken > 0
-        };
-        if process.spinners > 1 && of_it.iter().any(has_no_ends) {
-            remarks.push(format!(
-                "{nodes} calls back on several threads and does not report when a callback ends: \
-                 lock-step may go on before that, and two runs may differ; give it one thread"
             ));
         }
     }
@@ -60,9 +47,10 @@ fn remarks(
 }
 
 /// The nodes of a process.
-fn named(endpoints: &[&Endpoint]) -> String {
+fn named(process: ProcessId, endpoints: &[Endpoint]) -> String {
+    let of_it = endpoints.iter().filter(|one| one.process == process);
     let nodes: BTreeSet<&str> =
-        endpoints.iter().map(|one| one.node.as_str()).filter(|node| !node.is_empty()).collect();
+        of_it.map(|one| one.node.as_str()).filter(|node| !node.is_empty()).collect();
     match nodes.is_empty() {
         true => "a process without a node".to_owned(),
         false => nodes.into_iter().collect::<Vec<_>>().join(" and "),
