@@ -72,9 +72,13 @@ class Trial:
 
     def texts(self, row: Row, topic: str = "/out") -> list[str]:
         """What was recorded of a topic of std_msgs/msg/String."""
+        return [text for _, text in self.timed_texts(row, topic)]
+
+    def timed_texts(self, row: Row, topic: str = "/out") -> list[tuple[int, str]]:
+        """The same, each with the time that it was recorded at, in ns."""
         with self.recorded(row).open("rb") as stream:
             all_of_it = make_reader(stream).iter_messages(topics=[topic], log_time_order=False)
-            return [text_of(message.data) for _, _, message in all_of_it]
+            return [(message.log_time, text_of(message.data)) for _, _, message in all_of_it]
 
 
 def text_of(data: bytes) -> str:

@@ -56,6 +56,17 @@ def test_callbacks_see_the_time_of_their_message(trial: Trial, stack: str) -> No
     ]
 
 
+def test_a_callback_of_rclpy_that_sleeps_is_waited_for(trial: Trial) -> None:
+    """Longer than is waited for threads of which none is known to work: its answer belongs to the
+    time of its message, without a step that awaits it."""
+    command = [*PYTHON, "--ros-args", "-p", "sleeps:=5"]
+    row = trial.run(trial.spec(command, {"mode": "lockstep"}))
+    assert passed(row), row
+    answers = [(time, int(text.split()[0])) for time, text in trial.timed_texts(row)]
+    times = [BEGIN + number * PERIOD for number in range(MESSAGES)]
+    assert answers == [(time, time) for time in times]
+
+
 def test_timers_of_a_time_fire_before_its_message(trial: Trial) -> None:
     """Every 20 ms of simulated time a tick, which has how many messages there were by then. The
     first is when the clock begins, before there is anything to record. So is a second in Humble,

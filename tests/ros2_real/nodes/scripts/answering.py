@@ -2,11 +2,12 @@
 """Answers each message of in on out, in Python; with the parameter `deaf` no SIGINT ends it.
 
 With `wall_ms` a timer of the machine's clock does nothing that often, with `sim_ms` one of
-the node's clock.
+the node's clock. The first so many (`sleeps`) callbacks sleep for 0.4 s.
 """
 
 import contextlib
 import signal
+import time
 
 import rclpy
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -23,6 +24,7 @@ class Answering(Node):
         self.threads = self.declare_parameter("threads", 1).value
         if self.declare_parameter("deaf", False).value:
             signal.signal(signal.SIGINT, signal.SIG_IGN)
+        self.sleeps = self.declare_parameter("sleeps", 0).value
         group = ReentrantCallbackGroup() if self.threads > 1 else None
         self.out = self.create_publisher(String, "out", 1000)
         self.subscription = self.create_subscription(
@@ -40,6 +42,9 @@ class Answering(Node):
         pass
 
     def answer(self, message):
+        if self.sleeps > 0:
+            self.sleeps -= 1
+            time.sleep(0.4)
         stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
         text = f"{stamp} {message.angular_velocity.z:f}"
         if self.get_parameter("use_sim_time").value:

@@ -61,12 +61,16 @@ static void note_spinner(void) {
 }
 
 /* Whoever takes again or waits has done with what it took before. */
-void count_wait(void) {
-  if (!self.spins) note_spinner();
+static void come_back(void) {
   if (self.in_hand == 0) return;
   uint64_t done = self.in_hand;
   self.in_hand = 0;
   add(&atomic_load(&attach_ledger)->endpoint[self.took].returned, done, EVENT_ENDED);
+}
+
+void count_wait(void) {
+  if (!self.spins) note_spinner();
+  come_back();
 }
 
 /* Of C++, for objects of a thread: the only one that is in every C library itself. */
@@ -76,7 +80,7 @@ extern void *__dso_handle;
 /* A thread that ends has done with what it took. */
 static void at_end(void *unused) {
   (void)unused;
-  count_wait();
+  come_back();
 }
 
 static void meet_thread(void) {
@@ -118,9 +122,12 @@ static void note_own(struct ledger_endpoint *endpoint, uint64_t messages, int64_
 
 void count_take(const void *subscription, uint64_t messages, uint64_t begun, struct origin origin) {
   uint32_t slot;
-  count_wait();
+  come_back();
   struct ledger_endpoint *endpoint = listed(subscription, &slot);
+  /* The middleware's own threads take what announces others by the same functions: they are none of the
+   * node's. */
   if (endpoint == NULL) return;
+  if (!self.spins) note_spinner();
   if (messages == 0) {
     note_rest(endpoint, begun);
     return;

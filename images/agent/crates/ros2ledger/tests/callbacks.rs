@@ -97,6 +97,19 @@ fn callbacks_of_timers_are_counted_for_their_process_alone() {
 }
 
 #[test]
+fn a_thread_of_the_middleware_is_none_that_takes_for_the_node() {
+    for client in [Client::Rclcpp, Client::Rclpy] {
+        let ledger = Ledger::new().unwrap();
+        let mut node = Node::start(client, &ledger);
+        node.obey(&["sub /scan 10", "pub /scan 1", "publish /scan 2", "spin / 1"]);
+        node.obey(&["discover / 1"]);
+        assert_eq!(only_process(&ledger).spinners, 1, "{client:?}");
+        node.obey(&["spin / 2"]);
+        assert_eq!(only_process(&ledger).spinners, 2, "{client:?}");
+    }
+}
+
+#[test]
 fn timers_are_counted_that_go_by_the_machine_s_clock() {
     for client in [Client::Rclcpp, Client::Component, Client::Rclpy] {
         let ledger = Ledger::new().unwrap();

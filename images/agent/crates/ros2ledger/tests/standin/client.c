@@ -2,6 +2,7 @@
  * like rclcpp, with tracepoints and linked as programs are; and with -DWITHOUT_TRACEPOINTS like
  * rclpy, loaded for itself alone. It counts for itself what the ledger must have. */
 #define _GNU_SOURCE
+#include <dlfcn.h>
 #include <errno.h>
 #include <pthread.h>
 #include <signal.h>
@@ -218,6 +219,21 @@ static void spin_threads(int threads) {
   for (int i = 1; i < threads; i++) pthread_join(other[i], NULL);
 }
 
+/* A thread of the middleware itself, which takes by rmw_take from a subscription of its own, as that
+ * of rmw_cyclonedds does with each participant that comes. */
+static void *discover(void *unused) {
+  (void)unused;
+  void *rmw = dlopen("librmw_implementation.so", RTLD_NOLOAD | RTLD_LAZY);
+  __typeof__(&rmw_create_subscription) create =
+      (__typeof__(&rmw_create_subscription))dlsym(rmw, "rmw_create_subscription");
+  struct qos qos = {1, 10, 1, 2, {0}};
+  void *own = create(creator, NULL, "/of_the_middleware", &qos, NULL);
+  uint64_t number;
+  bool taken;
+  rmw_take(own, &number, &taken, NULL);
+  return NULL;
+}
+
 /* A thread that waits without end until there is a message, and does not take it. */
 static void *sleep_on(void *rmw) {
   void *ready[1] = {data_of(rmw)};
@@ -408,7 +424,10 @@ static void obey(char **argv, const char *verb, const char *topic, uint64_t n, c
   else if (!strcmp(verb, "inside")) destroy_inside = 1;
   else if (!strcmp(verb, "tick"))
     while (n-- > 0) tick(strcmp(topic, "/") == 0 ? NULL : publisher_on(topic));
-  else if (!strcmp(verb, "fire")) fire(way, n);
+  else if (!strcmp(verb, "discover")) {
+    pthread_create(&thread, NULL, discover, NULL);
+    pthread_join(thread, NULL);
+  } else if (!strcmp(verb, "fire")) fire(way, n);
   else if (!strcmp(verb, "discard"))
     while (n-- > 0) take_away(subscription_on(topic));
   else if (!strcmp(verb, "brief")) { /* a thread that takes one and ends */
