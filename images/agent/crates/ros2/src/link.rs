@@ -74,9 +74,10 @@ impl Totals {
     /// What went out since.
     pub(crate) fn since(self, before: Totals) -> Totals {
         Totals {
-            lead_in: self.lead_in - before.lead_in,
-            window: self.window - before.window,
-            window_bytes: self.window_bytes - before.window_bytes,
+            // A message that was counted and then failed may have been in `before` alone.
+            lead_in: self.lead_in.saturating_sub(before.lead_in),
+            window: self.window.saturating_sub(before.window),
+            window_bytes: self.window_bytes.saturating_sub(before.window_bytes),
         }
     }
 }

@@ -55,7 +55,7 @@ function detailParts(detail) {
   if (detail.lost.length) parts.push(el("h4", {}, "Starts that were lost"), el("pre", {}, detail.lost.join("\n")));
   if (detail.ledger.length || detail.notes.length) {
     parts.push(el("h4", {}, "Delivery", el("small", {}, detail.strength ? ` proof: ${detail.strength}` : "")),
-      ledgerTable(detail.ledger), detail.notes.map((note) => el("p", { class: "note" }, note)));
+      ledgerTable(detail.ledger), ...detail.notes.map((note) => el("p", { class: "note" }, note)));
   }
   const machine = Object.entries(detail.machine.figures);
   if (detail.machine.message || machine.length) {
