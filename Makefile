@@ -158,7 +158,7 @@ fmt: venv ## Format all Python and Rust, and mend what ruff can mend
 .PHONY: test-programs
 test-programs: kubernetes
 	$(STEP) "Building what tests start" --if-it-fails "Is the Go module proxy reachable? Then run it again." -- \
-	  nice $(CLUSTER_PY) build helm-unittest versitygw syft crane registry
+	  nice $(CLUSTER_PY) build helm-unittest versitygw crane registry
 
 # The longest of all, of several threads each as heavy as one of another step: at the lowest priority
 # it takes what the other steps leave, and then everything.
@@ -251,7 +251,7 @@ test-e2e: cluster install ## Run whole jobs on the cluster (part of test)
 	$(STEP) "Testing how soon trouble is reported" -- $(PYTEST) tests/e2e -m "alone and not slow"
 
 .PHONY: test-slow
-test-slow: cluster install release-platforms recording ## Test an upgrade, two operators, and what else takes minutes
+test-slow: cluster install release-programs release-platforms recording ## Test an upgrade, two operators, and what else takes minutes
 	$(STEP) "Testing what takes minutes" -- $(PYTEST) tests/e2e tests/integration/kubectl_plugin tests/integration/release -m slow
 
 # On a machine that has no registry in reach, or whose Docker may not do all that a node wants.

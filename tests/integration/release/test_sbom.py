@@ -11,6 +11,9 @@ from embedded import oci
 
 from release import ReleaseError, sbom
 
+# syft takes minutes to build, of which everybody else has nothing.
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[3]
 STATUS = """\
 Package: tree
