@@ -274,11 +274,11 @@ fn a_worker_that_dies_ends_its_case_and_frees_the_slot() {
 }
 
 #[test]
-fn sigterm_ends_everything_within_five_seconds() {
+fn sigterm_ends_everything() {
     if without_ros() {
         return;
     }
-    ends_within_five_seconds(|agent| started(agent, STUBBORN));
+    sigterm_ends(|agent| started(agent, STUBBORN));
 }
 
 #[test]

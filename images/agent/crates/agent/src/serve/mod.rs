@@ -24,8 +24,6 @@ use crate::stack::processes::{Children, Ended, pause, signal};
 
 /// How often the slots are looked at.
 const GLANCE: Duration = Duration::from_millis(50);
-/// How long slots may take to end on SIGTERM; serve itself has 5 s.
-const PATIENCE: Duration = Duration::from_millis(3500);
 /// A slot that lived so long starts again at once.
 const HEALTHY: Duration = Duration::from_secs(60);
 /// The longest wait before a slot that keeps dying starts again.
@@ -58,7 +56,7 @@ pub fn serve(options: &ServeOptions) -> Result<(), String> {
         }
         pause(GLANCE);
     }
-    end(&keepers, &mut children)
+    end(&keepers, &mut children, Duration::from_millis(options.patience_ms))
 }
 
 /// Keeps one slot's process running.
@@ -153,16 +151,17 @@ fn remove_folders(died: &[(u32, Pid)], shared: &Path) {
     }
 }
 
-fn end(keepers: &[Keeper], children: &mut Children) -> Result<(), String> {
+/// Ends all slots; those that are not over after `patience`, and all that they started, are killed.
+fn end(keepers: &[Keeper], children: &mut Children, patience: Duration) -> Result<(), String> {
     let begun = Instant::now();
     for (pid, _) in keepers.iter().filter_map(|keeper| keeper.process) {
         signal(pid.as_raw_nonzero().get(), Signal::TERM);
     }
-    while children.reap() && begun.elapsed() < PATIENCE {
+    while children.reap() && begun.elapsed() < patience {
         pause(Duration::from_millis(5));
     }
     match children.kill(&[])? {
         0 => Ok(()),
-        killed => Err(format!("{killed} processes had to be killed after {PATIENCE:?}")),
+        killed => Err(format!("{killed} processes had to be killed after {patience:?}")),
     }
 }

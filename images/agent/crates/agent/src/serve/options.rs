@@ -27,6 +27,9 @@ pub struct ServeOptions {
     /// HOST is an address; 0.0.0.0 means every one. Cases run also if it can't be had.
     #[arg(long, value_name = "HOST:PORT")]
     pub metrics: Option<SocketAddr>,
+    /// How long slots may take to end on SIGTERM before they are killed.
+    #[arg(long, value_name = "MS", hide = true, default_value_t = 3500)]
+    pub patience_ms: u64,
     /// The way without the cache, which `make bench BENCH=cache` measures it beside: a case's
     /// bag and its recording are files in this folder.
     #[arg(long, value_name = "DIR", hide = true)]
@@ -34,4 +37,29 @@ pub struct ServeOptions {
     /// With --on-disk: the page cache forgets a file before it is read.
     #[arg(long, hide = true, requires = "on_disk")]
     pub cold: bool,
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use clap::Parser;
+
+    use super::*;
+    use crate::serve::slot::GLANCE;
+    use crate::stack::HURRY;
+
+    #[derive(Debug, Parser)]
+    struct Line {
+        #[command(flatten)]
+        options: ServeOptions,
+    }
+
+    #[test]
+    fn a_slot_has_time_to_end_its_stack_and_all_is_over_within_five_seconds() {
+        let Line { options } = Line::parse_from(["serve", "--shared", "/shared"]);
+        let patience = Duration::from_millis(options.patience_ms);
+        assert!(GLANCE + HURRY + Duration::from_secs(1) <= patience);
+        assert!(patience + Duration::from_millis(1500) <= Duration::from_secs(5));
+    }
 }

@@ -18,7 +18,7 @@ use crate::serve::session::Slot;
 use crate::stack::processes::Children;
 
 /// How long the slot waits for bytes before it looks around.
-const GLANCE: Duration = Duration::from_millis(500);
+pub(crate) const GLANCE: Duration = Duration::from_millis(500);
 
 /// Serves one slot until SIGTERM.
 pub fn run(options: &ServeOptions, number: u32, port: u16) -> Result<(), String> {
