@@ -88,7 +88,7 @@ pub struct ReplayRequest {
 }
 
 /// What else must be so before the first message goes out.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct StartWhen {
     /// These nodes have each connected to one of the played topics.
     pub nodes: Vec<String>,
@@ -97,8 +97,23 @@ pub struct StartWhen {
     /// Every process below this one, if it is named, has come to rest: who still starts may
     /// subscribe too. Waited for at most 2 s, since a node may work without end.
     pub at_rest_below: Option<u32>,
+    /// With no topics named, no subscriber has come for this time; half a second, unless it is known
+    /// before that nobody is to come.
+    pub stable: Duration,
     /// So much time has passed since all of that.
     pub delay: Duration,
+}
+
+impl Default for StartWhen {
+    fn default() -> Self {
+        Self {
+            nodes: Vec::new(),
+            subscribers: BTreeMap::new(),
+            at_rest_below: None,
+            stable: Duration::from_millis(500),
+            delay: Duration::ZERO,
+        }
+    }
 }
 
 /// /clock's usual rate in Hz.

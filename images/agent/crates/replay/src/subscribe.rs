@@ -19,9 +19,6 @@ use crate::{ReplayError, ReplayRequest};
 const DISCOVER: Duration = Duration::from_millis(100);
 /// The same once there are some, so that more have half a second at most.
 const CONFIRM: Duration = Duration::from_millis(20);
-/// With no topics named, the subscribers are complete once none came for this time, if nothing says so
-/// before.
-const STABLE: Duration = Duration::from_millis(500);
 
 /// Waits until the stack is there.
 ///
@@ -35,7 +32,8 @@ pub(crate) fn wait_for_stack(
 ) -> Result<(), ReplayError> {
     let begun = watch.now();
     let deadline = begun + request.subscribe_deadline;
-    let mut waiting = Waiting::new(player.required(), request.topics.is_empty(), begun);
+    let any = request.topics.is_empty().then_some(request.start.stable);
+    let mut waiting = Waiting::new(player.required(), any, begun);
     let mut next_look = begun;
     let first_time = FirstTime::new(request, begun);
     let mut startup = Startup::below(request.start.at_rest_below);
@@ -127,7 +125,7 @@ fn still_waiting(absent: &[String], request: &ReplayRequest) -> ReplayError {
 /// The state of the wait.
 pub(crate) struct Waiting {
     required: Vec<usize>,
-    any: bool,
+    any: Option<Duration>,
     links: usize,
     since: Instant,
     /// Whether nobody was still to come at the last look.
@@ -135,8 +133,8 @@ pub(crate) struct Waiting {
 }
 
 impl Waiting {
-    /// For these of the topics or, where `any` will do, until no more come to them.
-    pub(crate) fn new(required: Vec<usize>, any: bool, now: Instant) -> Waiting {
+    /// For these of the topics or, where `any` will do, until no more have come to them for that time.
+    pub(crate) fn new(required: Vec<usize>, any: Option<Duration>, now: Instant) -> Waiting {
         Waiting { required, any, links: 0, since: now, complete: false }
     }
 
@@ -147,14 +145,14 @@ impl Waiting {
         now: Instant,
         deadline: Instant,
     ) -> bool {
-        if !self.any {
+        let Some(stable) = self.any else {
             return self.missing(topics).is_empty();
-        }
+        };
         let links = self.required.iter().map(|at| open_subscribers(&topics[*at]).len()).sum();
         if links != self.links {
             (self.links, self.since) = (links, now);
         }
-        let stable = self.complete || now.duration_since(self.since) >= STABLE;
+        let stable = self.complete || now.duration_since(self.since) >= stable;
         links > 0 && (stable || now >= deadline)
     }
 

@@ -246,8 +246,8 @@ impl PlayOptions {
             start: StartWhen {
                 nodes: self.wait_for.clone(),
                 subscribers: self.subscribers.iter().cloned().collect(),
-                at_rest_below: None,
                 delay: self.delay,
+                ..StartWhen::default()
             },
             pause: (!self.pause.is_empty())
                 .then(|| Pause { topics: self.pause.clone(), resumed: enter() }),

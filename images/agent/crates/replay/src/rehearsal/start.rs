@@ -8,7 +8,7 @@ use bagpipe_graph::{Publication, TopicInfo};
 
 use super::master::LonelyMaster;
 use super::scripted::{Scripted, link};
-use super::{ByHand, Rehearsal, ReplayRequest, graph_of, ms, request, window};
+use super::{ByHand, Rehearsal, ReplayRequest, StartWhen, graph_of, ms, request, window};
 use crate::discovery::Discovery;
 use crate::plan::Plan;
 use crate::play::Player;
@@ -121,7 +121,7 @@ fn over(complete: Duration) -> Duration {
     let begun = Instant::now();
     let topic = Scripted::new("/in", &[]);
     let topics: [Arc<dyn Publication>; 1] = [topic.clone()];
-    let mut waiting = Waiting::new(vec![0], true, begun);
+    let mut waiting = Waiting::new(vec![0], Some(StartWhen::default().stable), begun);
     let mut passed = Duration::ZERO;
     loop {
         if passed == ms(100) {

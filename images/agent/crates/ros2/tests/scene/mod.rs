@@ -219,12 +219,11 @@ impl Scene {
             clock_rate: CLOCK_RATE,
             // In place of the rest of all processes, of which other tests have some: a writer may
             // know of its reader a moment later than that of it.
-            start: match ask.at_rest {
-                true => {
-                    let at_rest_below = Some(std::process::id());
-                    StartWhen { at_rest_below, ..StartWhen::default() }
-                }
-                false => StartWhen { delay: Duration::from_millis(200), ..StartWhen::default() },
+            start: StartWhen {
+                at_rest_below: ask.at_rest.then(std::process::id),
+                stable: ask.stable,
+                delay: Duration::from_millis(if ask.at_rest { 0 } else { 200 }),
+                ..StartWhen::default()
             },
             pause: None,
             meter: Arc::default(),
@@ -272,6 +271,8 @@ pub struct Ask<'a> {
     pub active: &'a [&'a str],
     /// Whether it waits for the rest of this process' children in place of a moment.
     pub at_rest: bool,
+    /// How long no subscriber may have come, if nothing shows before that none is to come.
+    pub stable: Duration,
     /// How long to wait for the subscribers.
     pub deadline: Duration,
     /// How long the last answers may take.
@@ -288,6 +289,7 @@ pub const DEFAULT: Ask<'static> = Ask {
     use_sim_time: false,
     active: &[],
     at_rest: false,
+    stable: Duration::from_millis(500),
     deadline: LONG,
     drain: Duration::from_secs(10),
 };
