@@ -116,7 +116,14 @@ fn in_lock_step_messages_of_equal_stamps_keep_their_order() {
 fn in_lock_step_threads_that_show_no_end_are_waited_for_a_moment_and_lose_nothing() {
     let threads = ["--threads", "4", "--delay-us", "300"];
     let stepped = in_lock_step("standin_node_py", 10, &threads);
-    assert_eq!(stepped.warnings, [] as [String; 0]);
+    let [why] = &stepped.warnings[..] else { panic!("{:?}", stepped.warnings) };
+    let (count, rest) = why.split_once(' ').unwrap();
+    assert!((2..=4).contains(&count.parse::<u32>().unwrap()), "{why}");
+    assert_eq!(
+        rest,
+        "threads of /relay have waited for messages or taken some, and when a callback ends is not \
+         reported: lock-step may go on before that, and two runs may differ; give it one thread"
+    );
     let mut answers: Vec<String> = stepped.answers.iter().map(|one| answered(&one.2)).collect();
     let of = |one: u64| format!("{:016x}", hash(&stamped((1000 + one / 4) * MS, one, 100)));
     let mut expected: Vec<String> = (0..40).map(of).collect();
