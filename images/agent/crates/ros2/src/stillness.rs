@@ -1,18 +1,22 @@
 //! Waiting until the stack has worked off what it was sent, as far as its nodes count.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
+use bagpipe_ros2ledger::Doubt as Doubted;
 use bagpipe_ros2ledger::{
-    Busy, Event, Ledger, LedgerError, Mark, ProcessId, Quiet, Strength, Waited,
+    Busy, Event, Ledger, LedgerError, Mark, ProcessId, Quiet, Strength, Waited, Why,
 };
 
 /// How long something is waited for that may never come, while everybody sleeps: a message that a
 /// queue has overwritten, or that a subscription does not match. A node that gets no processor for a
-/// while, as where a container's share is used up, is none of these; what is given up is not waited
-/// for again.
+/// while, as where a container's share is used up, is none of these.
 const DOUBTFUL: Duration = Duration::from_secs(1);
+/// How often that is halved for a node and a topic where something never came, and how often in a row,
+/// until nothing more is waited for.
+const HALVED: u32 = 6;
+const IN_A_ROW: u32 = 8;
 /// How long the end of a callback that may never show is waited for, while everybody sleeps: of a node
 /// without tracepoints that has several threads, the last ones come back with the next message only.
 const COMES_BACK: Duration = Duration::from_millis(100);
@@ -39,12 +43,38 @@ struct State {
     mark: Option<Mark>,
     /// Messages of ours on each topic by then, in the order of the topics.
     sent: Vec<u64>,
-    /// Node and topic of what did not come once: it is not waited for again.
-    given_up: BTreeSet<Whose>,
+    /// Node and topic of what did not come.
+    lacks: BTreeMap<Whose, Lacks>,
     /// Those whose callback did not end: nor is it. Of timers and services the node is not known: in
     /// its place is nothing, and in the topic's the process with how many run, of which one more is
     /// waited for.
     stuck: BTreeSet<Whose>,
+}
+
+/// How often something did not come to a node on a topic.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct Lacks {
+    times: u32,
+    in_a_row: u32,
+    /// Whether something is missing for certain, and not in doubt alone since one of both ends was new.
+    certain: bool,
+}
+
+impl Lacks {
+    /// How long something more is waited for.
+    fn patience(self) -> Duration {
+        match self.in_a_row >= IN_A_ROW {
+            true => Duration::ZERO,
+            false => DOUBTFUL / (1 << self.times.saturating_sub(1).min(HALVED)),
+        }
+    }
+
+    /// Takes in that something did not come, where an end of it was new (`late`) or not.
+    fn add(&mut self, late: bool) {
+        self.times += 1;
+        self.in_a_row += 1;
+        self.certain |= !late || self.in_a_row > 1;
+    }
 }
 
 /// For how long nobody was seen to do anything, and yet not all had come.
@@ -75,6 +105,8 @@ struct Rest {
     /// And what may have ended unseen: all was taken, by a node that shows no end, in a process of
     /// several threads.
     hidden: BTreeSet<Whose>,
+    /// What is in doubt since one of both ends is new.
+    late: BTreeSet<Whose>,
 }
 
 impl Rest {
@@ -95,28 +127,49 @@ impl Rest {
             left: busy.iter().map(of_busy).collect(),
             called: busy.iter().filter(taken).map(of_busy).collect(),
             hidden: hidden.map(of_busy).collect(),
+            late: BTreeSet::new(),
         })
     }
 
+    fn of_doubts(doubts: Vec<Doubted>) -> Rest {
+        let whose = |one: &Doubted| (one.node.clone(), one.topic.clone());
+        let late = doubts.iter().filter(|one| one.why == Why::Late);
+        Rest {
+            left: doubts.iter().map(whose).collect(),
+            late: late.map(whose).collect(),
+            ..Rest::default()
+        }
+    }
+
     /// How long nobody may do anything before no more is waited for; `None` while callbacks run.
-    fn limit(&self, given_up: &BTreeSet<Whose>, stuck: &BTreeSet<Whose>) -> Option<Duration> {
+    fn limit(&self, lacks: &BTreeMap<Whose, Lacks>, stuck: &BTreeSet<Whose>) -> Option<Duration> {
         let runs = |one: &Whose| !stuck.contains(one) && !self.hidden.contains(one);
         if self.called.iter().any(runs) {
             return None;
         }
-        let known = |one: &Whose| given_up.contains(one) || stuck.contains(one);
-        let mut unknown = self.left.iter().filter(|one| !known(one)).peekable();
-        if unknown.peek().is_none() {
-            return Some(Duration::ZERO);
+        let patience = |one: &Whose| {
+            let most = if self.hidden.contains(one) { COMES_BACK } else { DOUBTFUL };
+            most.min(lacks.get(one).copied().unwrap_or_default().patience())
+        };
+        let unknown = self.left.iter().filter(|one| !stuck.contains(*one));
+        Some(unknown.map(patience).max().unwrap_or(Duration::ZERO))
+    }
+
+    /// Takes in that no more is waited for.
+    fn give_up(&self, lacks: &mut BTreeMap<Whose, Lacks>) {
+        for (_, one) in lacks.iter_mut().filter(|(whose, _)| !self.left.contains(whose)) {
+            one.in_a_row = 0;
         }
-        Some(if unknown.all(|one| self.hidden.contains(one)) { COMES_BACK } else { DOUBTFUL })
+        for whose in self.left.difference(&self.called) {
+            lacks.entry(whose.clone()).or_default().add(self.late.contains(whose));
+        }
     }
 }
 
 impl Stillness {
     /// Waits until nobody has work any more; `topics` are ours with the messages that went out by
     /// now through the process `player`. A callback is waited for as long as `patience`, and what may never come for a moment,
-    /// once.
+    /// the shorter the more often it did not.
     pub(crate) fn wait(
         &self,
         ledger: &Ledger,
@@ -124,7 +177,7 @@ impl Stillness {
         patience: Duration,
     ) -> Result<(), LedgerError> {
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
-        let State { mark, sent, given_up, stuck } = &mut *state;
+        let State { mark, sent, lacks, stuck } = &mut *state;
         let now: Vec<u64> = topics.iter().map(|topic| topic.1).collect();
         let Some(before) = mark else {
             (*mark, *sent) = (Some(ledger.mark()?), now);
@@ -146,12 +199,9 @@ impl Stillness {
                     return Ok(true);
                 }
                 Quiet::Working(busy) => Rest::of_busy(ledger, &busy)?,
-                Quiet::Unknown(doubts) => {
-                    let all = doubts.into_iter().map(|one| (one.node, one.topic));
-                    Rest { left: all.collect(), ..Rest::default() }
-                }
+                Quiet::Unknown(doubts) => Rest::of_doubts(doubts),
             };
-            let Some(limit) = rest.limit(given_up, stuck) else {
+            let Some(limit) = rest.limit(lacks, stuck) else {
                 doubt = Doubt::default();
                 return Ok(false);
             };
@@ -166,7 +216,7 @@ impl Stillness {
         if waited == Waited::Late {
             stuck.extend(rest.called.iter().cloned());
         }
-        given_up.extend(rest.left.difference(&rest.called).cloned());
+        rest.give_up(lacks);
         *sent = now;
         Ok(())
     }
@@ -176,12 +226,12 @@ impl Stillness {
         let state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         let remark = |(node, topic): &Whose| {
             format!(
-                "what {node} was sent on {topic} did not all come to it, so that lock-step does not \
-                 wait for it: its queue or its quality of service lets messages go"
+                "what {node} was sent on {topic} did not all come to it, and more of it is waited for \
+                 only for a moment: its queue or its quality of service lets messages go"
             )
         };
-        let named =
-            state.given_up.iter().filter(|(node, topic)| !node.is_empty() && !topic.is_empty());
+        let certain = state.lacks.iter().filter(|(_, lacks)| lacks.certain).map(|(whose, _)| whose);
+        let named = certain.filter(|(node, topic)| !node.is_empty() && !topic.is_empty());
         let endless = state.stuck.iter().map(|(node, topic)| {
             let whose = if node.is_empty() { topic.clone() } else { format!("{node} on {topic}") };
             format!(
@@ -204,6 +254,62 @@ fn of_busy(busy: &Busy) -> Whose {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn whose(node: &str) -> Whose {
+        (node.to_owned(), "/topic".to_owned())
+    }
+
+    #[test]
+    fn what_did_not_come_is_waited_for_again_and_less_each_time() {
+        let ms = |lacks: Lacks| lacks.patience().as_secs_f64() * 1000.0;
+        let (mut steady, mut lacks) = (Lacks::default(), Vec::new());
+        for _ in 0..9 {
+            lacks.push(ms(steady));
+            steady.add(false);
+        }
+        assert_eq!(lacks, [1000.0, 1000.0, 500.0, 250.0, 125.0, 62.5, 31.25, 15.625, 0.0]);
+        steady.in_a_row = 0;
+        assert_eq!(ms(steady), 15.625);
+    }
+
+    #[test]
+    fn one_doubt_about_what_is_new_is_none_once_the_rest_came() {
+        let lacking = |late: bool| {
+            let left = BTreeSet::from([whose("/node")]);
+            let late = if late { left.clone() } else { BTreeSet::new() };
+            Rest { left, late, ..Rest::default() }
+        };
+        let mut lacks = BTreeMap::new();
+        lacking(true).give_up(&mut lacks);
+        Rest::default().give_up(&mut lacks);
+        lacking(true).give_up(&mut lacks);
+        let known = lacks[&whose("/node")];
+        assert_eq!(known, Lacks { times: 2, in_a_row: 1, certain: false });
+        assert_eq!(lacking(false).limit(&lacks, &BTreeSet::new()), Some(DOUBTFUL / 2));
+        lacking(true).give_up(&mut lacks);
+        assert!(lacks[&whose("/node")].certain);
+        let mut lacks = BTreeMap::new();
+        lacking(false).give_up(&mut lacks);
+        assert!(lacks[&whose("/node")].certain);
+    }
+
+    #[test]
+    fn callbacks_that_run_are_waited_for_and_hidden_ones_for_a_moment() {
+        let all = BTreeSet::from([whose("/node")]);
+        let rest = |called: bool, hidden: bool| Rest {
+            left: all.clone(),
+            called: if called { all.clone() } else { BTreeSet::new() },
+            hidden: if hidden { all.clone() } else { BTreeSet::new() },
+            late: BTreeSet::new(),
+        };
+        let (nobody, none) = (BTreeMap::new(), BTreeSet::new());
+        assert_eq!(rest(true, false).limit(&nobody, &none), None);
+        assert_eq!(rest(true, false).limit(&nobody, &all), Some(Duration::ZERO));
+        assert_eq!(rest(true, true).limit(&nobody, &none), Some(COMES_BACK));
+        assert_eq!(rest(false, false).limit(&nobody, &none), Some(DOUBTFUL));
+        let lacks = BTreeMap::from([(whose("/node"), Lacks { in_a_row: 8, ..Lacks::default() })]);
+        assert_eq!(rest(false, false).limit(&lacks, &none), Some(Duration::ZERO));
+    }
 
     #[test]
     fn only_time_in_which_all_slept_and_we_looked_makes_a_doubt() {

@@ -19,7 +19,7 @@ use bagpipe_log::Connection;
 use bagpipe_replay::{AnswerBy, Mode, Progress, Stage, Strength};
 use bagpipe_ros2player::{GraphNode, Player, PlayerOptions};
 use scene::{Ask, DEFAULT, MS, RELAY, Scene, imu, joined, recorded, recording, recording_of};
-use standin::{Node as Process, eventually};
+use standin::{Node as Process, eventually, hash};
 
 /// The same with a queue that no pause of the machine fills in real time.
 fn deep_relay() -> [&'static str; 8] {
@@ -232,7 +232,7 @@ fn a_node_that_gets_no_processor_for_a_while_is_waited_for_and_trusted_after() {
 }
 
 #[test]
-fn what_never_comes_is_waited_for_once_and_named() {
+fn what_never_comes_is_waited_for_less_each_time_and_named() {
     let scene = Scene::new();
     let _relay = scene.start("standin_node", &RELAY);
     // It asks for more than is offered, so that nothing reaches it.
@@ -245,6 +245,40 @@ fn what_never_comes_is_waited_for_once_and_named() {
     assert_eq!(times, (1000..1100).collect::<Vec<_>>());
     let remark = &replayed.playback.warnings[0];
     assert!(remark.starts_with("what /deaf was sent on /out did not all come to it"), "{remark}");
+}
+
+#[test]
+fn who_renews_a_subscription_within_the_stack_is_waited_for_in_each_step_behind_it() {
+    let scene = Scene::new();
+    let middle = "/out_mid:std_msgs/msg/String:100:reliable";
+    let first = ["--name", "/first", "--sub", "/in:sensor_msgs/msg/Imu:10:reliable"];
+    let first = [&first[..], &["--pub", middle, "--relay", "/in=/out_mid"]].concat();
+    let second = ["--name", "/second", "--sub", middle, "--relay", "/out_mid=/out_end"];
+    let end = ["--pub", "/out_end:std_msgs/msg/String:100:reliable"];
+    let renews = ["--renew", "1:10:0", "--delay-us", "2000"];
+    let _first = scene.start("standin_node", &first);
+    let _second = scene.start("standin_node", &[&second[..], &end, &renews].concat());
+    scene.await_subscriptions(2);
+    let ask = Ask { mode: Mode::Lockstep, ..Ask::default() };
+    let replayed = scene.play(&recording(&["/in"], 100, 50), &ask).unwrap();
+    assert_eq!(replayed.playback.warnings, [] as [String; 0]);
+    let all = recorded(&replayed);
+    let times = |topic: &str| -> Vec<u64> {
+        all.iter().filter(|one| one.0 == topic).map(|one| one.1 / MS).collect()
+    };
+    assert_eq!(times("/out_mid"), (1000..1100).collect::<Vec<_>>());
+    // Of what is published while it has none nothing comes; what comes is of its own step.
+    assert!(times("/out_end").len() >= 90, "{:?}", times("/out_end"));
+    let answers = all.iter().filter(|one| one.0 == "/out_end");
+    let late: Vec<u64> =
+        answers.filter(|one| !is_of_its_step(one, &all)).map(|one| one.1).collect();
+    assert_eq!(late, [] as [u64; 0]);
+}
+
+/// Whether an answer of `/out_end` names the hash of what was on `/out_mid` in its step.
+fn is_of_its_step(answer: &(String, u64, Vec<u8>), all: &[(String, u64, Vec<u8>)]) -> bool {
+    let asked = all.iter().find(|one| one.0 == "/out_mid" && one.1 == answer.1);
+    asked.is_some_and(|asked| answer.2[8..24] == *format!("{:016x}", hash(&asked.2)).as_bytes())
 }
 
 #[test]
