@@ -263,6 +263,8 @@ static void write_counts(void) {
   for (int one = 0; one < asked.publishers; one++)
     fprintf(file, "pub %s published %llu\n", publishers[one].topic,
             (unsigned long long)publishers[one].published);
+  if (standin_deaths != NULL && standin_deaths() > 0)
+    fprintf(file, "publishers taken for dead %lu\n", standin_deaths());
   fclose(file);
 }
 

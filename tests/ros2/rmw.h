@@ -165,6 +165,9 @@ int rmw_publish_serialized_message(const struct rmw_endpoint *publisher, const s
 int rmw_publish_loaned_message(const struct rmw_endpoint *publisher, void *message,
                                void *allocation);
 
+int rmw_publisher_assert_liveliness(const struct rmw_endpoint *publisher);
+/* How often a publisher was taken for dead by a subscription of this process; over Cyclone DDS alone. */
+__attribute__((weak)) unsigned long standin_deaths(void);
 int rmw_take(const struct rmw_endpoint *subscription, void *message, bool *taken, void *allocation);
 /* Whether a message has come since the last take, which is not taken; over Cyclone DDS alone. */
 __attribute__((weak)) bool standin_has_news(const struct rmw_endpoint *subscription);

@@ -49,6 +49,23 @@ static dds_qos_t *dds_qos(const struct rmw_qos *qos) {
   return made;
 }
 
+/* How often a publisher was taken for dead by a subscription of this process. */
+static _Atomic unsigned long deaths;
+
+static void note_liveliness(dds_entity_t reader, const dds_liveliness_changed_status_t status,
+                            void *unused) {
+  (void)reader;
+  (void)unused;
+  if (status.not_alive_count_change > 0) deaths += (unsigned long)status.not_alive_count_change;
+}
+
+static void watch_liveliness(dds_entity_t reader) {
+  dds_listener_t *listener = dds_create_listener(NULL);
+  dds_lset_liveliness_changed(listener, note_liveliness);
+  dds_set_listener(reader, listener);
+  dds_delete_listener(listener);
+}
+
 static struct rmw_endpoint *create(const struct rmw_node *node, const struct type_support *support,
                                    const char *topic, const struct rmw_qos *asked, bool reads,
                                    bool ignores_own) {
@@ -77,6 +94,7 @@ static struct rmw_endpoint *create(const struct rmw_node *node, const struct typ
   late = reads ? NULL : getenv(RETURNS_LATE);
   if (late != NULL) made->returns_late = DDS_USECS(atoll(late));
   if (reads) made->condition = dds_create_readcondition(made->entity, DDS_ANY_STATE);
+  if (reads) watch_liveliness(made->entity);
   struct rmw_endpoint *endpoint = calloc(1, sizeof *endpoint);
   bool others = getenv(ORIGINS) != NULL && !strcmp(getenv(ORIGINS), "gid");
   endpoint->implementation = others ? "rmw_standin" : IDENTIFIER;
@@ -122,6 +140,13 @@ int rmw_destroy_subscription(struct rmw_node *node, struct rmw_endpoint *subscri
   (void)node;
   return destroy(subscription);
 }
+
+int rmw_publisher_assert_liveliness(const struct rmw_endpoint *publisher) {
+  const struct endpoint *of = publisher->data;
+  return dds_assert_liveliness(of->entity) == DDS_RETCODE_OK ? RMW_OK : RMW_ERROR;
+}
+
+unsigned long standin_deaths(void) { return deaths; }
 
 int rmw_publisher_get_actual_qos(const struct rmw_endpoint *publisher, struct rmw_qos *into) {
   *into = ((const struct endpoint *)publisher->data)->qos;

@@ -4,8 +4,8 @@ use std::path::PathBuf;
 use std::process::{Command, ExitCode};
 
 /// What both have.
-const SHARED: [&str; 7] =
-    ["answer.c", "control.c", "main.c", "publish.c", "ring.c", "take.c", "threads.c"];
+const SHARED: [&str; 8] =
+    ["answer.c", "control.c", "main.c", "presence.c", "publish.c", "ring.c", "take.c", "threads.c"];
 const RCL: [&str; 8] = [
     "rcl/cyclone.c",
     "rcl/endpoints.c",

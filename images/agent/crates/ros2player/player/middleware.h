@@ -46,6 +46,8 @@ bool publisher_make(const struct wanted *wanted, struct answer *into);
  * say. */
 bool publisher_gid(uint32_t slot, uint8_t gid[GID_BYTES]);
 bool publisher_count(uint32_t slot, uint64_t *matched, struct answer *into);
+/* A sign that it is there, of one whose liveliness is manual. */
+void publisher_show(uint32_t slot);
 /* Where `more` of this publisher's follow at once, the message may be kept back until the last of them
  * has been sent: a datagram takes several. False, with the reason, if it is refused. */
 bool publisher_send(uint32_t slot, const uint8_t *bytes, size_t length, bool more,

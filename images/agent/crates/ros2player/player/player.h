@@ -23,6 +23,10 @@ void publisher_matched(uint32_t slot, struct answer *into);
 void publisher_refusal(uint32_t slot, struct answer *into);
 void publishers_end(void);
 
+/* presence.c: a publisher gives signs of itself from now on, if its liveliness is manual; false where no
+ * thread is to be had. */
+bool presence_add(uint32_t slot, const struct qos *qos);
+
 /* take.c: a thread that takes what subscriptions receive. */
 void *take_all(void *unused);
 void subscription_add(const struct wanted *wanted, struct answer *into);

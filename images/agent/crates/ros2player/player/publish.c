@@ -19,6 +19,10 @@ void publisher_add(const struct wanted *wanted, struct answer *into) {
   bool known = publisher_gid(wanted->slot, gid);
   memcpy(halves, gid, sizeof halves);
   atomic_store(&live[wanted->slot], true);
+  if (!presence_add(wanted->slot, &wanted->qos)) {
+    answer_failed(into, STATUS_REQUEST, "no thread is to be had");
+    return;
+  }
   answer_number(into, STATUS_DONE);
   answer_number(into, known);
   answer_long(into, halves[0]);

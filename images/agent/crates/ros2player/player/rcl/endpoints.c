@@ -78,6 +78,15 @@ bool publisher_count(uint32_t slot, uint64_t *matched, struct answer *into) {
   return !failed;
 }
 
+typedef int show(const void *publisher);
+
+/* By the middleware's own function, which every distribution has: rcl's only looks at the handle first. */
+void publisher_show(uint32_t slot) {
+  show *assert_liveliness = (show *)rcl_rmw_function("rmw_publisher_assert_liveliness");
+  const void *publisher = rcl.rcl_publisher_get_rmw_handle(&publishers[slot]);
+  if (assert_liveliness != NULL && publisher != NULL) (void)!assert_liveliness(publisher);
+}
+
 bool publisher_send(uint32_t slot, const uint8_t *bytes, size_t length, bool more,
                     char reason[REASON_MOST]) {
   struct serialized message = {(uint8_t *)bytes, length, length,
