@@ -38,6 +38,7 @@ mod succession;
 mod taken;
 mod topic;
 mod undetermined;
+mod unnamed;
 
 pub use middleware::Ros2;
 pub use options::Ros2Options;

@@ -16,6 +16,7 @@ use crate::clock::source_now;
 use crate::life::LifeCycles;
 use crate::stillness::counted;
 use crate::topic::Means;
+use crate::unnamed::Unnamed;
 
 /// How often the thread looks whether it must end.
 const GLANCE: Duration = Duration::from_millis(20);
@@ -37,6 +38,8 @@ pub(crate) struct Input {
     unrecordable: Mutex<BTreeSet<String>>,
     /// Nodes that publish it, as the graph has them: some may not count.
     pub(crate) others: Mutex<BTreeSet<String>>,
+    /// Programs that publish it and are no nodes.
+    pub(crate) unnamed: Unnamed,
 }
 
 impl Input {
@@ -84,6 +87,7 @@ impl Inputs {
             account: Mutex::default(),
             unrecordable: Mutex::default(),
             others: Mutex::default(),
+            unnamed: Unnamed::default(),
         };
         all.insert(subscription, Arc::new(input));
         drop(all);

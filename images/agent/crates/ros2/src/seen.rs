@@ -27,6 +27,16 @@ pub(crate) fn is_of_command_line(name: &str) -> bool {
     name.rsplit('/').next().is_some_and(|own| own.starts_with("_ros2cli"))
 }
 
+/// The nodes of the command line that publish a topic, as `ros2 topic pub` does: what they publish is
+/// recorded, and none of them counts.
+pub(crate) fn people_who_publish<'n>(
+    nodes: &'n [GraphNode],
+    topic: &str,
+) -> impl Iterator<Item = &'n String> {
+    let people = nodes.iter().filter(|node| is_of_command_line(&node.name));
+    people.filter(move |node| node.publishes.iter().any(|on| on.0 == topic)).map(|node| &node.name)
+}
+
 /// Whether each node of the graph but `ourselves` counts.
 pub(crate) fn all_count(endpoints: &[Endpoint], nodes: &[GraphNode], ourselves: &str) -> bool {
     let counts =

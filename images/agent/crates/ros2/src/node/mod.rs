@@ -20,7 +20,7 @@ use crate::audit::Reader;
 use crate::definition::otherwise_installed;
 use crate::error::failed;
 use crate::recording::{Inputs, Receiving};
-use crate::seen::{all_count, namesakes};
+use crate::seen::{all_count, namesakes, people_who_publish};
 use crate::stillness::Stillness;
 use crate::topic::{Means, Topic};
 use crate::undetermined::Undetermined;
@@ -146,15 +146,18 @@ impl Node for Graph {
             uncounted.extend(topic.hidden(&look, &namesakes, uncounted.len()));
             let uncounted: Vec<String> = uncounted.into_iter().collect();
             topic.refresh(&look, Some(&uncounted)).map_err(failed)?;
-            topic.note_publishers(self.publishing(&state, name));
+            let publishing = self.publishing(&state, name);
+            topic.note_publishers(publishing.chain(people_who_publish(&nodes, name)));
         }
         self.subscribe_to_wanted(&look.endpoints, &nodes)?;
         for (input, handed) in inputs.iter().zip(handed) {
-            let others = self.publishing(&state, &input.topic).cloned();
+            let others = self.publishing(&state, &input.topic);
+            let others = others.chain(people_who_publish(&nodes, &input.topic)).cloned();
             input.others.lock().unwrap_or_else(PoisonError::into_inner).extend(others);
             self.compare(input, handed, &look);
             self.compare_types(input, &nodes, &look.endpoints);
         }
+        self.look_for_unnamed(&nodes, &look);
         Ok(Seen { state, again: 0 })
     }
 

@@ -117,6 +117,59 @@ impl Graph {
         remarks
     }
 
+    /// Takes in how many programs are matched that are no nodes, at the topics of which all nodes count.
+    pub(super) fn look_for_unnamed(&self, nodes: &[GraphNode], look: &Look) {
+        let others = || nodes.iter().filter(|node| node.name != self.name);
+        // Of the endpoints, also those of processes that have ended, which are matched for a while.
+        let listed = |kind: Kind, topic: &str, has: &dyn Fn(&GraphNode) -> bool| {
+            let all = look.endpoints.iter().filter(|one| one.kind == kind && one.topic == topic);
+            let there: Vec<&Endpoint> = all.filter(|one| !one.destroyed).collect();
+            let counts = |node: &GraphNode| there.iter().any(|one| one.node == node.name);
+            let all_count = others().filter(|node| has(node)).all(counts);
+            all_count.then_some(there.len() as u64)
+        };
+        let inputs = self.inputs.all();
+        for topic in self.topics().iter() {
+            let name = &topic.info().topic;
+            let has = |node: &GraphNode| node.subscribes.iter().any(|on| on.0 == *name);
+            let recorded = inputs.iter().any(|input| input.topic == *name);
+            if let Some(listed) = listed(Kind::Subscription, name, &has).filter(|_| !recorded) {
+                topic.look_for_unnamed(listed);
+            }
+        }
+        for input in inputs {
+            let has = |node: &GraphNode| node.publishes.iter().any(|on| on.0 == input.topic);
+            let played = self.topics().iter().any(|topic| topic.info().topic == input.topic);
+            if let Some(listed) = listed(Kind::Publisher, &input.topic, &has).filter(|_| !played) {
+                let matched = || self.means.player.publishers(input.subscription);
+                let more = || matched().unwrap_or_default().saturating_sub(listed);
+                input.unnamed.look(Instant::now(), more);
+            }
+        }
+    }
+
+    /// Of which programs that are no nodes nothing is known.
+    fn unnamed(&self) -> Vec<String> {
+        let mut remarks = Vec::new();
+        for (topic, many) in self.inputs.all().iter().map(|one| (&one.topic, one.unnamed.seen())) {
+            if many > 0 {
+                remarks.push(format!(
+                    "{many} publishers of {topic} are of no node, as programs of DDS without ROS 2 are: \
+                     whether all of theirs was recorded can't be known"
+                ));
+            }
+        }
+        for topic in self.topics().iter().filter(|topic| topic.unnamed() > 0) {
+            remarks.push(format!(
+                "{} subscribers of {} are of no node, as programs of DDS without ROS 2 are: what they \
+                 got of ours can't be known",
+                topic.unnamed(),
+                topic.info().topic
+            ));
+        }
+        remarks
+    }
+
     /// What nobody compared or could separate.
     pub(super) fn uncounted(&self) -> Vec<String> {
         let Ok(endpoints) = self.ledger().endpoints() else { return Vec::new() };
@@ -148,6 +201,7 @@ impl Graph {
             }));
         }
         remarks.extend(self.unmatched());
+        remarks.extend(self.unnamed());
         let Unlisted { processes, endpoints } = self.ledger().unlisted();
         if processes + endpoints > 0 {
             remarks.push(format!(

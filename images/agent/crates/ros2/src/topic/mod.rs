@@ -18,6 +18,7 @@ use bagpipe_ros2player::{Player, PublisherId, Qos};
 use crate::absence::Absence;
 use crate::link::{Link, Totals};
 use crate::qos::incompatible;
+use crate::unnamed::Unnamed;
 pub(crate) use look::Look;
 
 use credit::Sent;
@@ -61,6 +62,8 @@ pub(crate) struct Topic {
     listed: AtomicU32,
     /// Nodes that publish it beside us or have done so, as the graph had them: some may not count.
     others: Mutex<BTreeSet<String>>,
+    /// Programs that subscribe to it and are no nodes.
+    unnamed: Unnamed,
 }
 
 /// What had gone out, by the clock, when no subscription was there that has no link.
@@ -98,6 +101,7 @@ impl Topic {
             looked: Mutex::default(),
             listed: AtomicU32::new(0),
             others: Mutex::default(),
+            unnamed: Unnamed::default(),
         }
     }
 
@@ -113,6 +117,17 @@ impl Topic {
         let mut others = self.others.lock().unwrap_or_else(PoisonError::into_inner);
         others.retain(|node| !node.starts_with(PLAYER));
         others.extend(nodes.cloned());
+    }
+
+    /// Takes in how many more subscribers are matched than the `listed` ones.
+    pub(crate) fn look_for_unnamed(&self, listed: u64) {
+        let matched = || self.means.player.subscribers(self.publisher).unwrap_or_default();
+        self.unnamed.look(Instant::now(), || matched().saturating_sub(listed));
+    }
+
+    /// How many programs subscribe to it that are no nodes.
+    pub(crate) fn unnamed(&self) -> u64 {
+        self.unnamed.seen()
     }
 
     /// Whether nodes publish it in processes that do not count.
