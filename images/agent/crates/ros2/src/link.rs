@@ -328,11 +328,17 @@ impl Link {
         let known = match (in_hand > 0, self.reports_calls()) {
             (true, true) => Some(false),
             (true, false) => (!self.is_stuck(ledger)?).then_some(false),
-            (false, true) if waiting == 0 => Some(true),
+            (false, true) if waiting == 0 && self.is_level(ledger)? => Some(true),
             (false, _) => None,
         };
         let behind = known.is_none() && waiting > 0 && self.calls_something(ledger)?;
         Ok(if behind { Some(false) } else { known })
+    }
+
+    /// Whether each of its subscriptions has as many. Where one lacks something of the lead-in, the least of
+    /// all that they have is not the least that they have of the window.
+    fn is_level(&self, ledger: &Ledger) -> Result<bool, LedgerError> {
+        self.counted.as_ref().map_or(Ok(true), |counted| counted.are_level(ledger))
     }
 
     /// Whether a callback is seen to run in its process.

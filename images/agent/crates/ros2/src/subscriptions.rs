@@ -9,7 +9,7 @@ use bagpipe_ros2ledger::{Endpoint, EndpointId, Ledger, LedgerError, ProcessId, Q
 
 use crate::absence::{Absence, RENEWED};
 use crate::qos::{depth, given_again, keeps, reaches};
-use crate::succession::{Left, goes_on, is_clear};
+use crate::succession::{Left, is_clear, never_comes};
 use crate::taken::Taken;
 
 /// The most messages that may wait for a node to take them, however deep its queue.
@@ -53,6 +53,8 @@ struct Now {
     wanted: Vec<Qos>,
     /// The weakest of them.
     strength: Strength,
+    /// Whether one went for good while others stayed, so that one that comes may have been away.
+    deserted: bool,
     /// Whether one came or went whose messages can't be separated from another's.
     confused: bool,
     /// Whether one was given what is kept, of which a message's publisher has to be known.
@@ -110,6 +112,7 @@ impl Subscriptions {
                 write_offs: 0,
                 wanted: wanted(subscriptions),
                 strength: weakest(subscriptions).unwrap_or(Strength::Taken),
+                deserted: false,
                 confused: false,
                 given_kept: subscriptions.iter().any(|one| one.late && keeps(&one.qos)),
             }),
@@ -138,6 +141,16 @@ impl Subscriptions {
     /// The least of that.
     fn least(&self, now: &Now, ledger: &Ledger) -> Result<u64, LedgerError> {
         Ok(self.of_ours(now, ledger)?.into_iter().min().unwrap_or(now.reached))
+    }
+
+    /// Whether each has taken as many of ours.
+    ///
+    /// # Errors
+    /// The ledger can't be read.
+    pub(crate) fn are_level(&self, ledger: &Ledger) -> Result<bool, LedgerError> {
+        let now = self.now.read().unwrap_or_else(PoisonError::into_inner);
+        let ours = self.of_ours(&now, ledger)?;
+        Ok(ours.windows(2).all(|two| two[0] == two[1]))
     }
 
     /// Whether these are still all that there are.
@@ -171,7 +184,10 @@ impl Subscriptions {
                 None => {
                     now.given_kept |= keeps(&one.qos);
                     now.confused |= sent > 0 && !is_clear(&now.left, one);
-                    come(&mut now, one, sent, kept)
+                    let others = !now.counted.is_empty();
+                    let (came, in_a_place) = come(&mut now, one, sent, kept);
+                    now.confused |= sent > 0 && others && now.deserted && !in_a_place;
+                    came
                 }
             });
         }
@@ -219,12 +235,13 @@ impl Subscriptions {
     ) -> Result<(), LedgerError> {
         let mut now = self.now.write().unwrap_or_else(PoisonError::into_inner);
         let mut gone = Vec::new();
-        let Now { left, counted, confused, .. } = &mut *now;
+        let Now { left, counted, deserted, confused, .. } = &mut *now;
         left.retain(|id, left| {
             let stays = left.away.look(at, most) < RENEWED;
             gone.extend((!stays).then_some(*id));
             // What it lacks of what was sent to it is in no other's count.
             *confused |= !stays && left.sent > left.taken && !counted.is_empty();
+            *deserted |= !stays && !counted.is_empty();
             stays
         });
         gone.into_iter().try_for_each(|id| ledger.end(id))
@@ -421,19 +438,20 @@ fn weakest(subscriptions: &[&Endpoint]) -> Option<Strength> {
 }
 
 /// A subscription that comes when so many were `sent` to its node, of which so many are `kept`: it takes the
-/// place of one that is gone. To one that takes none, nothing was sent yet.
-fn come(now: &mut Now, subscription: &Endpoint, sent: u64, kept: u64) -> Counted {
+/// place of one that is gone, if it does. To one that takes none, nothing was sent yet.
+fn come(now: &mut Now, subscription: &Endpoint, sent: u64, kept: u64) -> (Counted, bool) {
     let is_replaced = |left: &Left| !subscription.late && left.latest == subscription.after;
     let replaced = now.left.iter().find(|(_, left)| is_replaced(left)).map(|(id, _)| *id);
+    let in_a_place = replaced.is_some();
     let (begun_with, never) = match replaced.and_then(|id| now.left.remove(&id)) {
         Some(left) => {
             let again = kept.min(given_again(&subscription.qos));
-            goes_on(left.taken, left.sent, (sent, again), now.lost)
+            (left.taken, never_comes(left.taken, (sent, again), now.lost))
         }
         None if now.counted.is_empty() => (now.reached, sent.saturating_sub(now.reached)),
         None => (sent, 0),
     };
-    Counted {
+    let came = Counted {
         id: subscription.id,
         wanted: subscription.qos,
         late: subscription.late,
@@ -441,7 +459,8 @@ fn come(now: &mut Now, subscription: &Endpoint, sent: u64, kept: u64) -> Counted
         begun_with,
         never,
         is_new: subscription.late,
-    }
+    };
+    (came, in_a_place)
 }
 
 #[cfg(test)]

@@ -31,18 +31,11 @@ pub(crate) fn is_clear(left: &BTreeMap<EndpointId, Left>, subscription: &Endpoin
     one.wanted == subscription.qos && alike.all(same)
 }
 
-/// What a subscription begins with that takes the place of one which had `taken` so many when so many had
-/// been sent (`by_then`), and what never comes to it. Of those `sent` by now so many come `again`; what went
-/// out in between beyond these was sent to neither. `lost` were given up before.
-pub(crate) fn goes_on(
-    taken: u64,
-    by_then: u64,
-    (sent, again): (u64, u64),
-    lost: u64,
-) -> (u64, u64) {
-    let from = taken.max(sent.saturating_sub(again));
-    let lay_in_its_queue = from.min(by_then).saturating_sub(taken);
-    (from - lay_in_its_queue, lay_in_its_queue.saturating_sub(lost))
+/// What never comes to a subscription that takes the place of one which had `taken` so many: what lay in
+/// the queue of that one, and what was sent to the node while it was away, but for those of all `sent` by now
+/// that come `again`. `lost` were given up before.
+pub(crate) fn never_comes(taken: u64, (sent, again): (u64, u64), lost: u64) -> u64 {
+    sent.saturating_sub(again).saturating_sub(taken).saturating_sub(lost)
 }
 
 #[cfg(test)]
@@ -52,14 +45,14 @@ mod tests {
     #[test]
     fn who_takes_another_s_place_goes_on_where_that_was() {
         // Seven lay in its queue, of which four come again, all of them, or none.
-        assert_eq!(goes_on(93, 100, (100, 4), 0), (93, 3));
-        assert_eq!(goes_on(93, 100, (100, 50), 0), (93, 0));
-        assert_eq!(goes_on(93, 100, (100, 0), 0), (93, 7));
-        assert_eq!(goes_on(93, 100, (100, 0), 5), (93, 2));
-        // While it was away twenty went out to others.
-        assert_eq!(goes_on(93, 100, (120, 0), 0), (113, 7));
-        assert_eq!(goes_on(93, 100, (120, 22), 0), (93, 5));
-        assert_eq!(goes_on(93, 100, (120, 12), 0), (101, 7));
-        assert_eq!(goes_on(100, 100, (120, 50), 0), (100, 0));
+        assert_eq!(never_comes(93, (100, 4), 0), 3);
+        assert_eq!(never_comes(93, (100, 50), 0), 0);
+        assert_eq!(never_comes(93, (100, 0), 0), 7);
+        assert_eq!(never_comes(93, (100, 0), 5), 2);
+        // While it was away twenty went out to another one of its node.
+        assert_eq!(never_comes(93, (120, 0), 0), 27);
+        assert_eq!(never_comes(93, (120, 22), 0), 5);
+        assert_eq!(never_comes(93, (120, 12), 0), 15);
+        assert_eq!(never_comes(100, (120, 50), 0), 0);
     }
 }

@@ -221,6 +221,86 @@ fn what_one_of_two_lost_that_goes_just_before_the_end_is_not_hidden_by_the_other
     assert_eq!(line.strength, Strength::Sent, "{line:?}");
 }
 
+/// A node with two subscriptions, of which the second one answers.
+fn two<'a>(options: &[&'a str]) -> Vec<&'a str> {
+    relay("/two", DEEP, &[&["--threads", "3", "--sub", DEEP], options].concat())
+}
+
+#[test]
+fn by_the_clock_what_one_of_two_missed_while_it_was_away_is_lost() {
+    let scene = Scene::new();
+    let _two = scene.start("standin_node", &two(&["--renew", "2:13:700000"]));
+    scene.await_subscriptions(2);
+    // Five in a second.
+    let ask = Ask { rate: 0.005, ..REALTIME };
+    let replayed = scene.play(&recording(&["/in"], 30, 50), &ask).unwrap();
+    let (line, answers) = (&lines(&replayed)[0], recorded(&replayed).len() as u64);
+    assert!((20..30).contains(&answers), "{answers}");
+    assert_eq!((line.received, line.dropped), (answers, 30 - answers), "{line:?}");
+}
+
+#[test]
+fn one_of_two_that_comes_back_after_it_was_away_for_long_is_unproved() {
+    let scene = Scene::new();
+    let _two = scene.start("standin_node", &two(&["--renew", "2:8:2500000"]));
+    scene.await_subscriptions(2);
+    let ask = Ask { rate: 0.005, ..REALTIME };
+    let replayed = scene.play(&recording(&["/in"], 30, 50), &ask).unwrap();
+    assert_eq!(lines(&replayed)[0].strength, Strength::Sent, "{:?}", replayed.ledger);
+}
+
+#[test]
+fn what_one_of_two_lost_of_the_lead_in_hides_nothing_that_the_other_lost_of_the_window() {
+    let scene = Scene::new();
+    let away = ["--renew", "1:100:200000", "--renew", "2:900:100000"];
+    let _two = scene.start("standin_node", &two(&away));
+    scene.await_subscriptions(2);
+    let ask = Ask { lead_in: 500 * MS, ..REALTIME };
+    let replayed = scene.play(&recording(&["/in"], 1500, 50), &ask).unwrap();
+    let line = &lines(&replayed)[0];
+    // Of the first one nothing of the window is lost.
+    let lost = 1000 - recorded(&replayed).len() as u64;
+    assert!(lost > 20, "{lost}");
+    assert_eq!(line.received + line.dropped, 1000);
+    assert!(line.dropped >= lost, "{lost} were lost: {line:?}");
+}
+
+/// The warnings of a play beside a program of DDS that is no node.
+fn warnings_beside(arguments: &[&str]) -> Vec<String> {
+    let scene = Scene::new();
+    let _relay = scene.start("standin_node", &relay("/relay", TEN, &[]));
+    let _program = scene.start_uncounted("dds_relay", arguments);
+    scene.await_subscriptions(1);
+    let ask = Ask { rate: 0.1, ..REALTIME };
+    let replayed = scene.play(&recording(&["/in"], 200, 50), &ask).unwrap();
+    assert_eq!((replayed.ledger.received, replayed.ledger.dropped), (200, 0));
+    replayed.playback.warnings
+}
+
+#[test]
+fn a_program_of_dds_that_is_no_node_is_named_by_the_topic_that_it_reads() {
+    let reads = "1 subscribers of /in are of no node, as programs of DDS without ROS 2 are: what they \
+                 got of ours can't be known";
+    assert_eq!(warnings_beside(&["/in", "/other", "sensor_msgs/Imu"]), [reads]);
+    let writes = "1 publishers of /out are of no node, as programs of DDS without ROS 2 are: whether all \
+                  of theirs was recorded can't be known";
+    assert_eq!(warnings_beside(&["/other", "/out", "std_msgs/String"]), [writes]);
+}
+
+#[test]
+fn what_the_command_line_publishes_beside_the_stack_is_compared_with_nothing() {
+    let scene = Scene::new();
+    let _relay = scene.start("standin_node", &relay("/relay", TEN, &[]));
+    let people = ["--name", "/_ros2cli_7", "--pub", "/out:std_msgs/msg/String:10:reliable"];
+    let _people = scene.start_uncounted("standin_node", &people);
+    scene.await_subscriptions(1);
+    let ask = Ask { rate: 0.1, ..REALTIME };
+    let replayed = scene.play(&recording(&["/in"], 100, 50), &ask).unwrap();
+    let why = "/_ros2cli_7 publishes /out in a process that does not count, so that whether all of it was \
+               recorded can't be known";
+    assert_eq!(replayed.playback.warnings, [why]);
+}
+
 #[test]
 fn a_node_that_was_killed_and_started_again_is_known_by_the_process_that_runs() {
     let scene = Scene::new();

@@ -8,6 +8,9 @@ use bagpipe_ros2player::{Durability, Presence, Reliability};
 /// What rmw writes of a time without end.
 const ENDLESS: Duration = Duration::new(9_223_372_036, 854_775_807);
 
+/// Over Cyclone DDS a publisher whose lease is a nanosecond reaches nobody.
+const LEAST_LEASE: Duration = Duration::from_micros(1);
+
 /// Seconds from which on a recorded time is without end: DDS has 31 bits, as recorders until Galactic wrote.
 const LONGEST: u64 = (1 << 31) - 1;
 
@@ -95,6 +98,7 @@ impl Profile {
         for time in [&mut self.presence.deadline, &mut self.presence.lease] {
             *time = time.filter(|time| !time.is_zero() && time.as_secs() < LONGEST);
         }
+        self.presence.lease = self.presence.lease.map(|lease| lease.max(LEAST_LEASE));
     }
 }
 
@@ -187,6 +191,11 @@ mod tests {
             );
             assert_eq!(of(&yaml), [Presence::NONE], "{endless}");
         }
+        let short = "{sec: 0, nsec: 1}";
+        let shortest =
+            of(&format!("- deadline: {short}\n  liveliness_lease_duration: {short}\n"))[0];
+        assert_eq!(shortest.deadline, Some(Duration::from_nanos(1)));
+        assert_eq!(shortest.lease, Some(Duration::from_micros(1)));
         assert_eq!(
             of("- deadline: {sec: 2147483646, nsec: 0}\n")[0].deadline.unwrap().as_secs(),
             2147483646

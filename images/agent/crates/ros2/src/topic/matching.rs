@@ -116,8 +116,9 @@ impl Topic {
             }
         };
         let knows_all = || {
-            let known = known_to_us();
-            known == there as u64 || known == (there + self.watched_by_people()) as u64
+            let (known, there) = (known_to_us(), there as u64);
+            // Of people's nodes some may ask for more than is offered.
+            known == there || (known > there && known <= there + self.watched_by_people() as u64)
         };
         let knows = (know_us && knows_all()) || (since.elapsed() >= UNREPORTED && believed());
         if knows {
