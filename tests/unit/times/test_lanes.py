@@ -7,7 +7,9 @@ from typing import Any
 import pytest
 from xdist.remote import Producer
 
-from tests.lanes import Clocking, Lanes, Times, expected, lane
+from tests.lanes import Clocking, Lanes, Times, elsewhere, expected, lane
+
+ROOT = Path(__file__).parents[3]
 
 
 @pytest.mark.parametrize(
@@ -34,6 +36,14 @@ def test_what_never_ran_takes_as_long_a_test_as_all_others() -> None:
     }  # fmt: skip
     assert expected(tests, {}) == {"a": 2.0, "b": 6.0, "new": 10.0}
     assert expected({}, {"gone": 1.0}) == {}
+
+
+def test_what_took_long_elsewhere_is_a_lane_of_this_project() -> None:
+    known = elsewhere()
+    assert [name for name in known if not (ROOT / name).exists()] == []
+    files = {name: name if name.endswith(".py") else f"{name}/test_any.py" for name in known}
+    assert [name for name, file in files.items() if lane(file) != name] == []
+    assert known["tests/integration/control_plane"] > 60
 
 
 def test_times_are_kept_and_what_cannot_be_read_is_unknown(tmp_path: Path) -> None:
