@@ -45,7 +45,7 @@ struct State {
     sent: Vec<u64>,
     /// Node and topic of what did not come.
     lacks: BTreeMap<Whose, Lacks>,
-    /// Those whose callback did not end: nor is it. Of timers and services the node is not known: in
+    /// Those whose callback did not end: it is not waited for again. Of timers and services the node is not known: in
     /// its place is nothing, and in the topic's the process with how many run, of which one more is
     /// waited for.
     stuck: BTreeSet<Whose>,

@@ -226,14 +226,18 @@ fn two<'a>(options: &[&'a str]) -> Vec<&'a str> {
     relay("/two", DEEP, &[&["--threads", "3", "--sub", DEEP], options].concat())
 }
 
+/// A play of five messages in a second, 30 in all, of whose two subscriptions the second one is away.
+fn while_one_of_two_is_away(renew: &str) -> Replayed {
+    let scene = Scene::new();
+    let _two = scene.start("standin_node", &two(&["--renew", renew]));
+    scene.await_subscriptions(2);
+    let ask = Ask { rate: 0.005, ..REALTIME };
+    scene.play(&recording(&["/in"], 30, 50), &ask).unwrap()
+}
+
 #[test]
 fn by_the_clock_what_one_of_two_missed_while_it_was_away_is_lost() {
-    let scene = Scene::new();
-    let _two = scene.start("standin_node", &two(&["--renew", "2:13:700000"]));
-    scene.await_subscriptions(2);
-    // Five in a second.
-    let ask = Ask { rate: 0.005, ..REALTIME };
-    let replayed = scene.play(&recording(&["/in"], 30, 50), &ask).unwrap();
+    let replayed = while_one_of_two_is_away("2:13:700000");
     let (line, answers) = (&lines(&replayed)[0], recorded(&replayed).len() as u64);
     assert!((20..30).contains(&answers), "{answers}");
     assert_eq!((line.received, line.dropped), (answers, 30 - answers), "{line:?}");
@@ -241,11 +245,7 @@ fn by_the_clock_what_one_of_two_missed_while_it_was_away_is_lost() {
 
 #[test]
 fn one_of_two_that_comes_back_after_it_was_away_for_long_is_unproved() {
-    let scene = Scene::new();
-    let _two = scene.start("standin_node", &two(&["--renew", "2:8:2500000"]));
-    scene.await_subscriptions(2);
-    let ask = Ask { rate: 0.005, ..REALTIME };
-    let replayed = scene.play(&recording(&["/in"], 30, 50), &ask).unwrap();
+    let replayed = while_one_of_two_is_away("2:8:2500000");
     assert_eq!(lines(&replayed)[0].strength, Strength::Sent, "{:?}", replayed.ledger);
 }
 

@@ -1,7 +1,6 @@
 /* The signs that publishers give of themselves whose liveliness is manual: whoever recorded them had
  * publishers that gave some, also while they published nothing. */
 #define _GNU_SOURCE
-#include <pthread.h>
 #include <stdint.h>
 #include <time.h>
 

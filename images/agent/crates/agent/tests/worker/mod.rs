@@ -183,7 +183,7 @@ impl Agent {
             .collect()
     }
 
-    /// Asks it to end, and returns how it did and how long it took.
+    /// Asks it to end, and returns how it did.
     pub fn terminate(&mut self) -> ExitStatus {
         let pid = rustix::process::Pid::from_child(&self.process);
         rustix::process::kill_process(pid, rustix::process::Signal::TERM).unwrap();

@@ -82,7 +82,10 @@ typedef int show(const void *publisher);
 
 /* By the middleware's own function, which every distribution has: rcl's only looks at the handle first. */
 void publisher_show(uint32_t slot) {
-  show *assert_liveliness = (show *)rcl_rmw_function("rmw_publisher_assert_liveliness");
+  /* Looked up once, as that takes the loader's lock; the two threads that do find the same. */
+  static show *_Atomic assert_liveliness;
+  if (assert_liveliness == NULL)
+    assert_liveliness = (show *)rcl_rmw_function("rmw_publisher_assert_liveliness");
   const void *publisher = rcl.rcl_publisher_get_rmw_handle(&publishers[slot]);
   if (assert_liveliness != NULL && publisher != NULL) (void)!assert_liveliness(publisher);
 }
