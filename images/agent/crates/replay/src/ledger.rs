@@ -89,7 +89,7 @@ pub(crate) fn present(topics: &[Arc<dyn Publication>]) -> Vec<BTreeSet<u64>> {
 /// A node that left and came back has several connections and one line. Nodes that share a name
 /// have a line each: what one of them got makes up for nothing that another lost.
 fn add(nodes: &mut BTreeMap<(String, u32), LedgerSubscriber>, link: &LinkState, known: &Known) {
-    let strength = known.strength();
+    let strength = known.strength(link);
     let new = || LedgerSubscriber { node: link.node.clone(), strength, ..Default::default() };
     let line = nodes.entry((link.node.clone(), link.instance)).or_insert_with(new);
     line.strength = line.strength.min(strength);

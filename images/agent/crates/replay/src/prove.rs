@@ -35,6 +35,9 @@ pub(crate) struct Known {
     pub(crate) place: Place,
     /// Whether the node answered every message in lock-step.
     pub(crate) answered: bool,
+    /// All that had been sent when the node had counted as many before it was found back. What it does
+    /// later, as with what others publish, makes nothing of that uncalled.
+    pub(crate) called: Option<u64>,
 }
 
 /// Where a subscriber is with what was sent to it.
@@ -129,6 +132,18 @@ impl Proof {
         }
     }
 
+    /// Takes in who had counted all that had been sent, by its last answer, and is back.
+    fn note_called(&mut self, sent: &BTreeMap<Key, u64>) {
+        for (key, all) in sent {
+            if let Some(known) = self.known.get_mut(key)
+                && known.place == Place::Back
+                && known.now.is_some_and(|now| now.messages >= *all)
+            {
+                known.called = Some(*all);
+            }
+        }
+    }
+
     /// Of who is asked where nodes have no say, what is not answered is not known any more.
     fn forget(&mut self, links: &BTreeMap<String, Vec<u64>>, places: &Places) {
         for (topic, numbers) in links {
@@ -154,6 +169,7 @@ impl Proof {
                 self.known.entry((at, link.id)).or_default().place = place;
             }
         }
+        self.note_called(&sent);
         sent
     }
 
@@ -245,12 +261,13 @@ impl Known {
     /// What the node's word proves. roscpp counts what it reads from its socket and what its
     /// queues throw away; the rest may still wait in them. rospy counts what it takes for the
     /// callback, and runs that afterwards on the thread that reads.
-    pub(crate) fn strength(&self) -> Strength {
+    pub(crate) fn strength(&self, link: &LinkState) -> Strength {
+        let called = self.place == Place::Back || self.called == Some(link.lead_in + link.counted);
         match self.now {
             None => Strength::Sent,
             Some(_) if self.answered => Strength::Called,
             Some(Received { drops: Some(_), .. }) => Strength::Received,
-            Some(Received { drops: None, .. }) if self.place == Place::Back => Strength::Called,
+            Some(Received { drops: None, .. }) if called => Strength::Called,
             Some(Received { drops: None, .. }) => Strength::Taken,
         }
     }
@@ -345,14 +362,20 @@ mod tests {
     #[test]
     fn a_proof_is_as_strong_as_what_the_library_counts_and_what_was_seen() {
         let at = |now, place| Known { now, place, ..Known::default() };
-        assert_eq!(at(None, Place::Back).strength(), Strength::Sent);
-        assert_eq!(at(reported(1, Some(0)), Place::Back).strength(), Strength::Received);
-        assert_eq!(at(reported(1, None), Place::Away).strength(), Strength::Taken);
-        assert_eq!(at(reported(1, None), Place::Unknown).strength(), Strength::Taken);
-        assert_eq!(at(reported(1, None), Place::Back).strength(), Strength::Called);
+        assert_eq!(at(None, Place::Back).strength(&link(0, 1)), Strength::Sent);
+        assert_eq!(at(reported(1, Some(0)), Place::Back).strength(&link(0, 1)), Strength::Received);
+        assert_eq!(at(reported(1, None), Place::Away).strength(&link(0, 1)), Strength::Taken);
+        assert_eq!(at(reported(1, None), Place::Unknown).strength(&link(0, 1)), Strength::Taken);
+        assert_eq!(at(reported(1, None), Place::Back).strength(&link(0, 1)), Strength::Called);
+        let away = |called| Known { called, ..at(reported(1, None), Place::Away) };
+        assert_eq!(away(Some(1)).strength(&link(0, 1)), Strength::Called);
+        assert_eq!(away(Some(1)).strength(&link(1, 1)), Strength::Taken);
         let answered = Known { answered: true, ..at(reported(1, Some(0)), Place::Unknown) };
-        assert_eq!(answered.strength(), Strength::Called);
-        assert_eq!(Known { answered: true, ..Known::default() }.strength(), Strength::Sent);
+        assert_eq!(answered.strength(&link(0, 1)), Strength::Called);
+        assert_eq!(
+            Known { answered: true, ..Known::default() }.strength(&link(0, 1)),
+            Strength::Sent
+        );
     }
 
     #[test]

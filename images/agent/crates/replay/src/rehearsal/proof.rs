@@ -109,6 +109,32 @@ fn where_somebody_was_says_nothing_of_what_was_sent_to_it_since() {
     }
 }
 
+// Promise: ledger-says-no-more
+#[test]
+fn who_was_back_with_all_that_was_sent_has_called_it_whatever_it_does_later() {
+    for (counted, back_at, sent_later, expected) in [
+        (9, [2, 3], 0, Strength::Called),
+        // It was back before it had counted all, or something was sent to it since.
+        (9, [0, 1], 0, Strength::Taken),
+        (8, [2, 3], 0, Strength::Taken),
+        (9, [2, 3], 1, Strength::Taken),
+    ] {
+        let words = Words { outlives: true, ..Words::default() };
+        let (mut proof, topic, topics) = proof_of(&words, &[link(1, "/one", (0, 9))]);
+        let mut connection = link(1, "/one", (0, 9));
+        for round in 0..5 {
+            words.say("/one", ("/a", 1), if round == 0 { 7 } else { counted }, None);
+            topic.ends_are(&[end(1, 0, Some(back_at.contains(&round)))]);
+            if round == 4 {
+                connection.counted += sent_later;
+                topic.links_are(std::slice::from_ref(&connection));
+            }
+            proof.ask(&topics);
+        }
+        assert_eq!(proof.known(0, 1).strength(&connection), expected, "{counted} {back_at:?}");
+    }
+}
+
 #[test]
 fn a_node_is_where_its_connection_shows_it() {
     for (end, place, busy) in [
@@ -229,7 +255,7 @@ fn answers_make_up_for_no_message_that_a_counted_node_has_not_taken() {
         proof.answered(0, &connection);
         let known = proof.known(0, 1);
         let expected = if reached == 9 { Strength::Called } else { Strength::Taken };
-        let is = (known.reached(&connection), known.strength());
+        let is = (known.reached(&connection), known.strength(&connection));
         assert_eq!(is, (reached, expected), "{taken} {outlives}");
     }
 }
