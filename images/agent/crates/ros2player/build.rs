@@ -4,8 +4,17 @@ use std::path::PathBuf;
 use std::process::{Command, ExitCode};
 
 /// What both have.
-const SHARED: [&str; 8] =
-    ["answer.c", "control.c", "main.c", "presence.c", "publish.c", "ring.c", "take.c", "threads.c"];
+const SHARED: [&str; 9] = [
+    "answer.c",
+    "control.c",
+    "flow_control.c",
+    "main.c",
+    "presence.c",
+    "publish.c",
+    "ring.c",
+    "take.c",
+    "threads.c",
+];
 const RCL: [&str; 8] = [
     "rcl/cyclone.c",
     "rcl/endpoints.c",
@@ -38,10 +47,12 @@ const FLAGS: [&str; 9] = [
 ];
 // glibc before 2.34 has dlopen in libdl and pthread_create in libpthread, of which newer ones keep
 // empty ones: named by their files, since they have no link to them for compilers.
-const RCL_FLAGS: [&str; 8] = [
+const RCL_FLAGS: [&str; 10] = [
     "-pie",
-    // For cyclone.c, whose function libraries are to find.
+    // For cyclone.c and flow_control.c, whose functions libraries are to find.
     "-Wl,--export-dynamic-symbol=dds_create_writer",
+    "-Wl,--export-dynamic-symbol=sendmsg",
+    "-Wl,--export-dynamic-symbol=sendto",
     "-include",
     "player/rcl/old_glibc.h",
     "-Wl,-z,defs,-z,relro,-z,now,--no-as-needed",

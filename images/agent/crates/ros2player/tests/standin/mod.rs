@@ -217,6 +217,17 @@ impl Graph {
         self.spawn(program, arguments, &ledger.environment(&built().join("ledger.so"), None))
     }
 
+    /// A node of which the domain has more settings of Cyclone DDS.
+    pub fn node_with_settings(&self, settings: &str, arguments: &[&str]) -> Node {
+        let variables = self.environment();
+        let own = variables.iter().find(|(name, _)| name == "CYCLONEDDS_URI").unwrap();
+        let domain = format!("<CycloneDDS><Domain>{settings}</Domain></CycloneDDS>");
+        let all = format!("{},{domain}", own.1.to_str().unwrap());
+        let counts = self.ledger.environment(&built().join("ledger.so"), None);
+        let variables = [&counts[..], &[("CYCLONEDDS_URI", all.into())]].concat();
+        self.spawn("standin_node", arguments, &variables)
+    }
+
     /// A node that knows of no ledger.
     pub fn start_uncounted(&self, program: &str, arguments: &[&str]) -> Node {
         self.spawn(program, arguments, &[])

@@ -1,0 +1,175 @@
+/* Sends datagrams no faster than processes of this machine take them from their sockets.
+ *
+ * Loopback holds no sender up: what finds no room in the receiver's socket is thrown away. A message that
+ * is larger than that room (208 KiB unless the machine gives more) then reaches a reader of best
+ * effort by luck alone, and a reliable one by repetitions, each after tens of milliseconds. The kernel
+ * tells by sock_diag(7) how much waits in a socket, also of another process in the network namespace.
+ * What a program itself defines is found before what libraries do, so that middlewares call these. */
+#define _GNU_SOURCE
+#include <arpa/inet.h>
+#include <errno.h>
+#include <linux/inet_diag.h>
+#include <linux/netlink.h>
+#include <linux/rtnetlink.h>
+#include <linux/sock_diag.h>
+#include <netinet/in.h>
+#include <pthread.h>
+#include <stdbool.h>
+#include <stdint.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <sys/syscall.h>
+#include <time.h>
+#include <unistd.h>
+
+#define RECEIVERS 512u /* more are not held back; a power of two */
+#define PAUSE_NS 50000
+/* So long nothing is taken by who has stopped, or gets no processor. */
+#define PATIENCE_NS 100000000
+/* Bytes that are sent to who is not found before it is looked for again. */
+#define UNKNOWN 1000000
+
+struct receiver {
+  struct sockaddr_in at; /* sin_port 0: a free place */
+  int64_t room;          /* as the kernel counts it, before it is asked again */
+  bool stopped;          /* it took nothing for so long, and is not waited for until it does */
+};
+
+/* What waits in a socket, and what may, as the kernel counts both. */
+struct load {
+  uint32_t waiting, most;
+};
+
+static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
+static struct receiver receivers[RECEIVERS];
+static int diagnosis = -1; /* a socket of sock_diag */
+
+static int64_t now_ns(void) {
+  struct timespec now;
+  clock_gettime(CLOCK_MONOTONIC, &now);
+  return (int64_t)now.tv_sec * 1000000000 + now.tv_nsec;
+}
+
+/* The most that the kernel counts for a datagram: its memory comes in powers of two, with headers and
+ * the kernel's own notes (skb_shared_info and sk_buff, together less than 768 bytes). */
+static int64_t charge(size_t bytes) {
+  int64_t memory = 512;
+  while (memory < (int64_t)bytes + 512) memory *= 2;
+  return memory + 256;
+}
+
+static struct receiver *find(const struct sockaddr_in *at) {
+  uint32_t first = ntohs(at->sin_port) * 31u + ntohl(at->sin_addr.s_addr);
+  for (uint32_t probe = 0; probe < RECEIVERS; probe++) {
+    struct receiver *one = &receivers[(first + probe) % RECEIVERS];
+    if (one->at.sin_port == 0) one->at = *at;
+    if (one->at.sin_port == at->sin_port && one->at.sin_addr.s_addr == at->sin_addr.s_addr)
+      return one;
+  }
+  return NULL;
+}
+
+static bool read_load(const char *answer, size_t length, struct load *into) {
+  const struct nlmsghdr *header = (const struct nlmsghdr *)answer;
+  if (!NLMSG_OK(header, length) || header->nlmsg_type != SOCK_DIAG_BY_FAMILY) return false;
+  size_t rest = header->nlmsg_len - NLMSG_LENGTH(0);
+  if (rest < sizeof(struct inet_diag_msg)) return false;
+  rest -= NLMSG_ALIGN(sizeof(struct inet_diag_msg));
+  const struct inet_diag_msg *found = NLMSG_DATA(header);
+  for (const struct rtattr *one = (const struct rtattr *)(found + 1); RTA_OK(one, rest);
+       one = RTA_NEXT(one, rest)) {
+    if (one->rta_type != INET_DIAG_SKMEMINFO) continue;
+    uint32_t memory[SK_MEMINFO_RCVBUF + 1];
+    if (RTA_PAYLOAD(one) < sizeof memory) return false;
+    memcpy(memory, RTA_DATA(one), sizeof memory);
+    *into = (struct load){memory[SK_MEMINFO_RMEM_ALLOC], memory[SK_MEMINFO_RCVBUF]};
+    return true;
+  }
+  return false;
+}
+
+/* False where no such socket is found, or the kernel does not tell. */
+static bool ask(const struct sockaddr_in *at, struct load *into) {
+  if (diagnosis < 0) diagnosis = socket(AF_NETLINK, SOCK_RAW | SOCK_CLOEXEC, NETLINK_SOCK_DIAG);
+  if (diagnosis < 0) return false;
+  struct {
+    struct nlmsghdr header;
+    struct inet_diag_req_v2 wanted;
+  } question = {
+      {.nlmsg_len = sizeof question, .nlmsg_type = SOCK_DIAG_BY_FAMILY, .nlmsg_flags = NLM_F_REQUEST},
+      {.sdiag_family = AF_INET,
+       .sdiag_protocol = IPPROTO_UDP,
+       .idiag_ext = 1 << (INET_DIAG_SKMEMINFO - 1),
+       .idiag_states = UINT32_MAX}};
+  /* Of one socket, in place of a list, the kernel takes the receiving end as `dst`. */
+  question.wanted.id.idiag_dport = at->sin_port;
+  question.wanted.id.idiag_dst[0] = at->sin_addr.s_addr;
+  memset(question.wanted.id.idiag_cookie, 0xff, sizeof question.wanted.id.idiag_cookie);
+  if (send(diagnosis, &question, sizeof question, MSG_DONTWAIT) != sizeof question) return false;
+  _Alignas(struct nlmsghdr) char answer[1024];
+  ssize_t length = recv(diagnosis, answer, sizeof answer, MSG_DONTWAIT);
+  return length > 0 && read_load(answer, (size_t)length, into);
+}
+
+/* Whether so much may go out now; half of the room is left to what others send. */
+static bool has_room(struct receiver *receiver, int64_t needs, uint32_t *waiting) {
+  *waiting = 0;
+  if (receiver->room >= needs) return true;
+  struct load load;
+  if (!ask(&receiver->at, &load)) {
+    receiver->room = UNKNOWN;
+    return true;
+  }
+  *waiting = load.waiting;
+  receiver->room = (int64_t)load.most / 2 - load.waiting;
+  bool room = load.waiting == 0 || receiver->room >= needs;
+  if (room) receiver->stopped = false;
+  return room;
+}
+
+static void await_room(const struct sockaddr_in *at, size_t bytes) {
+  int64_t needs = charge(bytes), since = 0;
+  uint32_t waiting, least = UINT32_MAX;
+  const struct timespec pause = {0, PAUSE_NS};
+  pthread_mutex_lock(&lock);
+  struct receiver *receiver = find(at);
+  while (receiver != NULL && !has_room(receiver, needs, &waiting) && !receiver->stopped) {
+    int64_t now = now_ns();
+    if (waiting < least) {
+      least = waiting;
+      since = now;
+    }
+    receiver->stopped = now - since >= PATIENCE_NS;
+    if (receiver->stopped) break;
+    pthread_mutex_unlock(&lock);
+    nanosleep(&pause, NULL);
+    pthread_mutex_lock(&lock);
+  }
+  if (receiver != NULL) receiver->room = receiver->room > needs ? receiver->room - needs : 0;
+  pthread_mutex_unlock(&lock);
+}
+
+static void hold_back(const struct sockaddr *at, socklen_t length, size_t bytes) {
+  if (at == NULL || length < sizeof(struct sockaddr_in) || at->sa_family != AF_INET) return;
+  const struct sockaddr_in *inet = (const struct sockaddr_in *)at;
+  if (ntohl(inet->sin_addr.s_addr) >> 24 != IN_LOOPBACKNET || inet->sin_port == 0) return;
+  int before = errno;
+  await_room(inet, bytes);
+  errno = before;
+}
+
+__attribute__((visibility("default"))) ssize_t sendmsg(int socket, const struct msghdr *message,
+                                                       int flags) {
+  size_t bytes = 0;
+  for (size_t part = 0; part < message->msg_iovlen; part++) bytes += message->msg_iov[part].iov_len;
+  hold_back(message->msg_name, message->msg_namelen, bytes);
+  return syscall(SYS_sendmsg, socket, message, flags);
+}
+
+__attribute__((visibility("default"))) ssize_t sendto(int socket, const void *data, size_t bytes,
+                                                      int flags, __CONST_SOCKADDR_ARG to,
+                                                      socklen_t length) {
+  const struct sockaddr *at = to.__sockaddr__;
+  hold_back(at, length, bytes);
+  return syscall(SYS_sendto, socket, data, bytes, flags, at, length);
+}

@@ -1,0 +1,75 @@
+//! What is sent to a process of this machine waits for it, as long as it takes something.
+#![allow(clippy::unwrap_used)]
+
+mod standin;
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::process::Command;
+
+use standin::{ALL, eventually, message, publish, with_each_player};
+
+/// The scenes of `flow_control_scenes.c`, each with its figures.
+fn scenes() -> BTreeMap<String, Vec<i64>> {
+    let folder = std::env::temp_dir().join(format!("ros2-flow-control-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let program = folder.join("scenes");
+    let compiled = Command::new("cc")
+        .args(["-std=gnu11", "-O1", "-g", "-Wall", "-Wextra", "-Werror"])
+        .args(["-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-I"])
+        .args([&here.join("player"), &here.join("tests/flow_control_scenes.c"), Path::new("-o"), &program])
+        .arg("-lpthread")
+        .output()
+        .unwrap();
+    assert!(compiled.status.success(), "{}", String::from_utf8_lossy(&compiled.stderr));
+    let output = Command::new(&program).output().unwrap();
+    std::fs::remove_dir_all(&folder).unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let text = String::from_utf8(output.stdout).unwrap();
+    let words = |line: &str| {
+        let (scene, figures) = line.split_once(' ').unwrap();
+        (scene.to_owned(), figures.split(' ').map(|word| word.parse().unwrap()).collect())
+    };
+    text.lines().map(words).collect()
+}
+
+/// What a scene shows: datagrams that went out, those that came, microseconds that were waited, and
+/// questions to the kernel.
+#[test]
+fn a_sender_is_held_back_by_who_reads_and_by_nobody_else() {
+    let scenes = scenes();
+    let of = |scene: &str| <[i64; 4]>::try_from(scenes[scene].as_slice()).unwrap();
+    // Its socket holds one of these datagrams: before each but the first it is waited for once.
+    assert_eq!(of("slow"), [200, 200, 199 * 50, 200 + 199]);
+    // Who keeps up costs a question for each 40 small datagrams.
+    let [sent, came, waited, asked] = of("quick");
+    assert_eq!((sent, came, waited), (20_000, 20_000, 0));
+    assert!(asked <= 20_000 / 40, "{asked}");
+    // Who has stopped is waited for once, and again only after it has read.
+    for scene in ["stopped", "stopped-again"] {
+        assert_eq!(of(scene)[2], 100_000, "{scene}");
+    }
+    // Nobody, for whom is asked again after a megabyte, and where the kernel does not answer: as if there were no flow control.
+    assert_eq!(of("nobody")[2..], [0, 7]);
+    assert_eq!((of("untold")[2..].to_vec(), of("untold")[1] < 40), (vec![0, 0], true));
+    assert!(scenes["charges"][0] <= 0, "the kernel counts more: {:?}", scenes["charges"]);
+}
+
+/// As most machines have, for which a message of four megabytes is too large.
+const SMALL: &str = "<Internal><SocketReceiveBufferSize max=\"208kB\"/></Internal>";
+
+#[test]
+fn what_is_larger_than_a_socket_arrives_of_best_effort_too() {
+    with_each_player(|graph| {
+        let subscribes = ["--sub", "/far:std_msgs/msg/UInt8MultiArray:5:best_effort"];
+        let _node = graph.node_with_settings(SMALL, &subscribes);
+        let player = graph.player();
+        let publisher = player.advertise("/far", "std_msgs/UInt8MultiArray", &ALL).unwrap();
+        graph.met("/far", &player, publisher);
+        for one in 1..=20 {
+            publish(&player, publisher, &message(one, 4_000_000)).unwrap();
+            eventually(|| graph.subscription("/far").counts.taken == one);
+        }
+    });
+}

@@ -1,0 +1,133 @@
+/* Sends datagrams through the player's flow control to sockets of this process, which are read while it
+ * waits; its clock stands still otherwise. A line for each scene: what went out, what came, for how long
+ * was waited, in µs, and how often the kernel was asked. */
+#define _GNU_SOURCE
+#include <arpa/inet.h>
+#include <assert.h>
+#include <errno.h>
+#include <stdio.h>
+#include <sys/socket.h>
+#include <time.h>
+
+static long waited_ns, asked;
+static int unanswered; /* whether the kernel has no sock_diag */
+static void read_some(void);
+
+static int stopped_clock(struct timespec *now) {
+  *now = (struct timespec){1 + waited_ns / 1000000000, waited_ns % 1000000000};
+  return 0;
+}
+static int passing(const struct timespec *pause) {
+  waited_ns += pause->tv_nsec;
+  read_some();
+  return 0;
+}
+static int opened(int family, int kind, int protocol) {
+  if (unanswered) return errno = EPROTONOSUPPORT, -1;
+  return socket(family, kind, protocol);
+}
+static ssize_t counted(int to, const void *data, size_t bytes, int flags) {
+  asked++;
+  return send(to, data, bytes, flags);
+}
+
+#define clock_gettime(clock, now) stopped_clock(now)
+#define nanosleep(pause, rest) passing(pause)
+#define socket(family, kind, protocol) opened(family, kind, protocol)
+#define send counted
+#include "flow_control.c"
+#undef socket
+#undef send
+
+#define ROOM 100000 /* the kernel doubles it */
+
+static struct sockaddr_in at;
+static int from, to, reads;
+static long came;
+static char data[65507];
+
+static long take(long most) {
+  long taken = 0;
+  while (taken < most && recv(to, data, sizeof data, MSG_DONTWAIT | MSG_TRUNC) >= 0) taken++;
+  came += taken;
+  return taken;
+}
+static void read_some(void) { take(reads); }
+
+static void open_both(const char *address) {
+  from = socket(AF_INET, SOCK_DGRAM, 0);
+  to = socket(AF_INET, SOCK_DGRAM, 0);
+  int room = ROOM;
+  assert(setsockopt(to, SOL_SOCKET, SO_RCVBUF, &room, sizeof room) == 0);
+  at = (struct sockaddr_in){.sin_family = AF_INET};
+  assert(inet_pton(AF_INET, address, &at.sin_addr) == 1);
+  assert(bind(to, (struct sockaddr *)&at, sizeof at) == 0);
+  socklen_t length = sizeof at;
+  assert(getsockname(to, (struct sockaddr *)&at, &length) == 0);
+  came = waited_ns = asked = 0;
+}
+static void put(size_t bytes) {
+  assert(sendto(from, data, bytes, 0, (struct sockaddr *)&at, sizeof at) == (ssize_t)bytes);
+}
+static void put_in_parts(size_t bytes) {
+  struct iovec parts[2] = {{data, bytes / 2}, {data, bytes - bytes / 2}};
+  struct msghdr whole = {.msg_name = &at, .msg_namelen = sizeof at, .msg_iov = parts, .msg_iovlen = 2};
+  assert(sendmsg(from, &whole, 0) == (ssize_t)bytes);
+}
+static void end(const char *scene, long sent) {
+  take(sent);
+  printf("%s %ld %ld %ld %ld\n", scene, sent, came, waited_ns / 1000, asked);
+  close(from), close(to);
+}
+
+static void stream(const char *scene, long sent, size_t bytes, int each_pause, int each_send) {
+  open_both("127.0.0.1");
+  reads = each_pause;
+  for (long one = 0; one < sent; one++) {
+    if (one % 2) put(bytes); else put_in_parts(bytes);
+    take(each_send);
+  }
+  end(scene, sent);
+}
+
+/* It reads nothing, then everything, then nothing again. */
+static void stops(void) {
+  open_both("127.0.0.1");
+  reads = 0;
+  for (int one = 0; one < 40; one++) put(60000);
+  printf("stopped 40 0 %ld %ld\n", waited_ns / 1000, asked);
+  take(40);
+  came = waited_ns = asked = 0;
+  for (int one = 0; one < 40; one++) put(60000);
+  end("stopped-again", 40);
+}
+
+/* The most that the kernel counts for one datagram beyond what is taken for it, of each size. */
+static void charges(void) {
+  long beyond = -1;
+  open_both("127.0.0.1");
+  for (size_t bytes = 1; bytes <= 65507; bytes += bytes < 3000 ? 1 : 211) {
+    struct load load;
+    put(bytes);
+    assert(ask(&at, &load));
+    long more = (long)load.waiting - charge(bytes);
+    if (more > beyond) beyond = more;
+    take(1);
+  }
+  printf("charges %ld\n", beyond);
+}
+
+int main(void) {
+  stream("slow", 200, 65000, 1, 0);
+  stream("quick", 20000, 1000, 1, 1);
+  stops();
+  charges();
+  open_both("127.0.0.1");
+  close(to);
+  for (int one = 0; one < 100; one++) put(60000);
+  printf("nobody 100 0 %ld %ld\n", waited_ns / 1000, asked);
+  close(from);
+  diagnosis = -1, unanswered = 1;
+  stream("untold", 40, 60000, 1, 0);
+  return 0;
+}
