@@ -3,7 +3,7 @@
  * Loopback holds no sender up: what finds no room in the receiver's socket is thrown away. A message that
  * is larger than that room (208 KiB unless the machine gives more) then reaches a reader of best
  * effort by luck alone, and a reliable one by repetitions, each after tens of milliseconds. The kernel
- * tells by sock_diag(7) how much waits in a socket, also of another process in the network namespace.
+ * shows by sock_diag(7) how much waits in a socket, also of another process in the network namespace.
  * What a program itself defines is found before what libraries do, so that middlewares call these. */
 #define _GNU_SOURCE
 #include <arpa/inet.h>
@@ -69,9 +69,8 @@ static struct receiver *find(const struct sockaddr_in *at) {
   return NULL;
 }
 
-static bool read_load(const char *answer, size_t length, struct load *into) {
-  const struct nlmsghdr *header = (const struct nlmsghdr *)answer;
-  if (!NLMSG_OK(header, length) || header->nlmsg_type != SOCK_DIAG_BY_FAMILY) return false;
+static bool read_load(const struct nlmsghdr *header, struct load *into) {
+  if (header->nlmsg_type != SOCK_DIAG_BY_FAMILY) return false;
   size_t rest = header->nlmsg_len - NLMSG_LENGTH(0);
   if (rest < sizeof(struct inet_diag_msg)) return false;
   rest -= NLMSG_ALIGN(sizeof(struct inet_diag_msg));
@@ -88,15 +87,30 @@ static bool read_load(const char *answer, size_t length, struct load *into) {
   return false;
 }
 
-/* False where no such socket is found, or the kernel does not tell. */
+/* The answer to the question of this number; one to an earlier question is passed over. */
+static bool read_answer(uint32_t number, struct load *into) {
+  for (;;) {
+    _Alignas(struct nlmsghdr) char answer[1024];
+    ssize_t length = recv(diagnosis, answer, sizeof answer, MSG_DONTWAIT);
+    const struct nlmsghdr *header = (const struct nlmsghdr *)answer;
+    if (length < 0 || !NLMSG_OK(header, (size_t)length)) return false;
+    if (header->nlmsg_seq == number) return read_load(header, into);
+  }
+}
+
+/* False where no such socket is found, or the kernel does not answer. */
 static bool ask(const struct sockaddr_in *at, struct load *into) {
+  static uint32_t number;
   if (diagnosis < 0) diagnosis = socket(AF_NETLINK, SOCK_RAW | SOCK_CLOEXEC, NETLINK_SOCK_DIAG);
   if (diagnosis < 0) return false;
   struct {
     struct nlmsghdr header;
     struct inet_diag_req_v2 wanted;
   } question = {
-      {.nlmsg_len = sizeof question, .nlmsg_type = SOCK_DIAG_BY_FAMILY, .nlmsg_flags = NLM_F_REQUEST},
+      {.nlmsg_len = sizeof question,
+       .nlmsg_type = SOCK_DIAG_BY_FAMILY,
+       .nlmsg_flags = NLM_F_REQUEST,
+       .nlmsg_seq = ++number},
       {.sdiag_family = AF_INET,
        .sdiag_protocol = IPPROTO_UDP,
        .idiag_ext = 1 << (INET_DIAG_SKMEMINFO - 1),
@@ -106,9 +120,7 @@ static bool ask(const struct sockaddr_in *at, struct load *into) {
   question.wanted.id.idiag_dst[0] = at->sin_addr.s_addr;
   memset(question.wanted.id.idiag_cookie, 0xff, sizeof question.wanted.id.idiag_cookie);
   if (send(diagnosis, &question, sizeof question, MSG_DONTWAIT) != sizeof question) return false;
-  _Alignas(struct nlmsghdr) char answer[1024];
-  ssize_t length = recv(diagnosis, answer, sizeof answer, MSG_DONTWAIT);
-  return length > 0 && read_load(answer, (size_t)length, into);
+  return read_answer(number, into);
 }
 
 /* Whether so much may go out now; half of the room is left to what others send. */

@@ -18,7 +18,12 @@ fn scenes() -> BTreeMap<String, Vec<i64>> {
     let compiled = Command::new("cc")
         .args(["-std=gnu11", "-O1", "-g", "-Wall", "-Wextra", "-Werror"])
         .args(["-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-I"])
-        .args([&here.join("player"), &here.join("tests/flow_control_scenes.c"), Path::new("-o"), &program])
+        .args([
+            &here.join("player"),
+            &here.join("tests/flow_control_scenes.c"),
+            Path::new("-o"),
+            &program,
+        ])
         .arg("-lpthread")
         .output()
         .unwrap();
@@ -52,7 +57,7 @@ fn a_sender_is_held_back_by_who_reads_and_by_nobody_else() {
     }
     // Nobody, for whom is asked again after a megabyte, and where the kernel does not answer: as if there were no flow control.
     assert_eq!(of("nobody")[2..], [0, 7]);
-    assert_eq!((of("untold")[2..].to_vec(), of("untold")[1] < 40), (vec![0, 0], true));
+    assert_eq!((of("unanswered")[2..].to_vec(), of("unanswered")[1] < 40), (vec![0, 0], true));
     assert!(scenes["charges"][0] <= 0, "the kernel counts more: {:?}", scenes["charges"]);
 }
 

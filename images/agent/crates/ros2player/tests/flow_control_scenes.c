@@ -10,7 +10,7 @@
 #include <time.h>
 
 static long waited_ns, asked;
-static int unanswered; /* whether the kernel has no sock_diag */
+static int no_answers; /* whether the kernel has no sock_diag */
 static void read_some(void);
 
 static int stopped_clock(struct timespec *now) {
@@ -23,7 +23,7 @@ static int passing(const struct timespec *pause) {
   return 0;
 }
 static int opened(int family, int kind, int protocol) {
-  if (unanswered) return errno = EPROTONOSUPPORT, -1;
+  if (no_answers) return errno = EPROTONOSUPPORT, -1;
   return socket(family, kind, protocol);
 }
 static ssize_t counted(int to, const void *data, size_t bytes, int flags) {
@@ -127,7 +127,7 @@ int main(void) {
   for (int one = 0; one < 100; one++) put(60000);
   printf("nobody 100 0 %ld %ld\n", waited_ns / 1000, asked);
   close(from);
-  diagnosis = -1, unanswered = 1;
-  stream("untold", 40, 60000, 1, 0);
+  diagnosis = -1, no_answers = 1;
+  stream("unanswered", 40, 60000, 1, 0);
   return 0;
 }
