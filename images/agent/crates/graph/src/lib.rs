@@ -19,6 +19,6 @@ pub use evidence::{Audit, Received};
 pub use incoming::{Incoming, Publisher, ReadStamp, Sink};
 pub use middleware::{Middleware, Node, NodeOptions, PacedBy, Seen, SystemState};
 pub use publication::{
-    Cancelled, FarEnd, LinkState, Outlet, Publication, SendError, Share, TopicInfo,
+    Cancelled, FarEnd, HANGS, LinkState, Outlet, Publication, SendError, Share, TopicInfo,
 };
 pub use waits::Waits;

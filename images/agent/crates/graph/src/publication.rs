@@ -40,6 +40,8 @@ pub enum SendError {
         topic: String,
         /// How long it took nothing.
         waited: Duration,
+        /// What it may be, as a clause.
+        why: &'static str,
     },
     /// `cancelled` returned true.
     Cancelled,
@@ -51,6 +53,9 @@ pub enum SendError {
         what: String,
     },
 }
+
+/// Why a subscriber takes nothing of which no more is known, for [`SendError::Stalled`].
+pub const HANGS: &str = "it hangs, or its callback never returns";
 
 /// One subscriber's connection, as seen from here.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -25,7 +25,7 @@ pub enum ReplayError {
     /// A subscriber took nothing for too long.
     #[error(
         "the node {node} has taken nothing from {topic} for {:.1} s although messages wait for \
-         it; it hangs, or its callback never returns", waited.as_secs_f64()
+         it; {why}", waited.as_secs_f64()
     )]
     StackStoppedReading {
         /// The node.
@@ -34,6 +34,8 @@ pub enum ReplayError {
         topic: String,
         /// For how long.
         waited: Duration,
+        /// What it may be, as a clause.
+        why: &'static str,
     },
     /// The recording is larger than allowed.
     #[error("{0}; record fewer topics, cut shorter fragments or raise the budget")]

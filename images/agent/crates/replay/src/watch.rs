@@ -73,8 +73,8 @@ impl<'a> Watch<'a> {
     /// Why the play ends where a message could not be sent.
     pub(crate) fn failed(&mut self, error: SendError) -> ReplayError {
         match error {
-            SendError::Stalled { node, topic, waited } => {
-                ReplayError::StackStoppedReading { node, topic, waited }
+            SendError::Stalled { node, topic, waited, why } => {
+                ReplayError::StackStoppedReading { node, topic, waited, why }
             }
             SendError::Cancelled => self.failure(),
             SendError::Failed { reason, what } => ReplayError::GraphFailed(GraphError {

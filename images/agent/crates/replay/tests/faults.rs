@@ -116,7 +116,7 @@ fn place_of_topic(uri: &str, topic: &str) -> String {
 /// The end of a play whose drain deadline is half a second, by its own account. That it is no longer is
 /// tested where nothing but the questions whether to give up is counted (`bagpipe-ros1`'s publisher).
 fn read_nothing_for_half_a_second(error: &ReplayError, name: &str) {
-    let ReplayError::StackStoppedReading { node, topic, waited } = error else {
+    let ReplayError::StackStoppedReading { node, topic, waited, .. } = error else {
         panic!("{error}");
     };
     assert_eq!((node.as_str(), topic.as_str()), (name, "/talk"));

@@ -4,13 +4,20 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use bagpipe_graph::{LinkState, Share};
+use bagpipe_graph::{HANGS, LinkState, Share};
 use bagpipe_ros2ledger::{Counts, Endpoint, Ledger, LedgerError, Process, ProcessId, Strength};
 
 use crate::subscriptions::{MOST_WAITING, Subscriptions};
 
 /// How long a callback is waited for whose end is not reported.
 const UNSEEN: Duration = Duration::from_secs(5);
+
+/// Why a node takes nothing of which no callback runs.
+const IDLE: &str = "none of its callbacks runs: it takes from the topic too seldom, its middleware filters \
+    it by content, or it was stopped";
+/// The same, where messages may be lost on their way.
+const LOST_OR_IDLE: &str = "none of its callbacks runs: they were lost on their way, as it asks for best \
+    effort, or it takes from the topic too seldom, its middleware filters it by content, or it was stopped";
 
 /// A subscribing node of a topic, in one process: also after it has left the topic, and come back.
 #[derive(Debug)]
@@ -339,6 +346,18 @@ impl Link {
     /// all that they have is not the least that they have of the window.
     fn is_level(&self, ledger: &Ledger) -> Result<bool, LedgerError> {
         self.counted.as_ref().map_or(Ok(true), |counted| counted.are_level(ledger))
+    }
+
+    /// What it may be that keeps it from taking anything, as a clause.
+    pub(crate) fn why_it_takes_nothing(
+        &self,
+        ledger: &Ledger,
+    ) -> Result<&'static str, LedgerError> {
+        if self.in_hand(ledger)? > 0 || self.calls_something(ledger)? {
+            return Ok(HANGS);
+        }
+        let best_effort = self.counted.as_ref().is_some_and(Subscriptions::may_lose);
+        Ok(if best_effort { LOST_OR_IDLE } else { IDLE })
     }
 
     /// Whether a callback is seen to run in its process.

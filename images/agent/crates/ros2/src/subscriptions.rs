@@ -5,7 +5,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{PoisonError, RwLock};
 use std::time::{Duration, Instant};
 
-use bagpipe_ros2ledger::{Endpoint, EndpointId, Ledger, LedgerError, ProcessId, Qos, Strength};
+use bagpipe_ros2ledger::{
+    Endpoint, EndpointId, Ledger, LedgerError, ProcessId, Qos, Reliability, Strength,
+};
 
 use crate::absence::{Absence, RENEWED};
 use crate::qos::{depth, given_again, keeps, reaches};
@@ -415,6 +417,11 @@ impl Subscriptions {
     /// Messages that the smallest of their queues holds, as far as so many may wait.
     pub(crate) fn depth(&self) -> u64 {
         self.of_now(|now| now.wanted.iter().filter_map(depth).fold(MOST_WAITING, u64::min))
+    }
+
+    /// Whether one of them asks for best effort, of which what is lost on its way does not come again.
+    pub(crate) fn may_lose(&self) -> bool {
+        self.of_now(|now| now.wanted.iter().any(|one| one.reliability == Reliability::BestEffort))
     }
 
     /// What the weakest of them proves.

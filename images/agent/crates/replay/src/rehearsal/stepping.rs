@@ -5,7 +5,8 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use bagpipe_graph::{
-    Audit, Cancelled, GraphError, Node, Outlet, Publication, Seen, SendError, Share, TopicInfo,
+    Audit, Cancelled, GraphError, HANGS, Node, Outlet, Publication, Seen, SendError, Share,
+    TopicInfo,
 };
 
 use super::scripted::Words;
@@ -81,7 +82,7 @@ impl Noted {
         calls.push(what);
         if self.fails_at == Some(calls.len()) {
             let (node, topic) = ("/n".to_owned(), "/clock".to_owned());
-            return Err(SendError::Stalled { node, topic, waited: ms(5) });
+            return Err(SendError::Stalled { node, topic, waited: ms(5), why: HANGS });
         }
         Ok(())
     }

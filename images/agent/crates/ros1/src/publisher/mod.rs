@@ -12,8 +12,8 @@ use std::sync::{Arc, Mutex, MutexGuard, TryLockError};
 use std::time::{Duration, Instant};
 
 use bagpipe_graph::{
-    Cancelled, FarEnd, LinkState, Outlet, Publication as Advertised, SendError, Share, TopicInfo,
-    Waits,
+    Cancelled, FarEnd, HANGS, LinkState, Outlet, Publication as Advertised, SendError, Share,
+    TopicInfo, Waits,
 };
 
 use crate::header::ConnectionHeader;
@@ -208,7 +208,7 @@ impl Publication {
                     let waited = progress.elapsed();
                     if waited >= self.stall {
                         let (node, topic) = (link.state.node.clone(), self.info.topic.clone());
-                        return Err(SendError::Stalled { node, topic, waited });
+                        return Err(SendError::Stalled { node, topic, waited, why: HANGS });
                     }
                     if cancelled() {
                         return Err(SendError::Cancelled);
@@ -270,7 +270,8 @@ impl Outlet for Publication {
             let waited = progress.elapsed();
             if waited >= self.stall {
                 let Some(node) = self.slowest() else { return Ok(()) };
-                return Err(SendError::Stalled { node, topic: self.info.topic.clone(), waited });
+                let topic = self.info.topic.clone();
+                return Err(SendError::Stalled { node, topic, waited, why: HANGS });
             }
             if cancelled() {
                 return Err(SendError::Cancelled);

@@ -213,7 +213,7 @@ fn who_takes_no_byte_is_waited_for_as_long_as_the_limit_and_no_longer() {
         false
     };
     let sent = publication.send(Share::Counted, &[&frame(16 << 20, 1)], &mut ask);
-    let Err(SendError::Stalled { node, topic, waited }) = sent else { panic!("{sent:?}") };
+    let Err(SendError::Stalled { node, topic, waited, .. }) = sent else { panic!("{sent:?}") };
     assert_eq!((node.as_str(), topic.as_str()), ("/deaf", "/talk"));
     assert!(waited >= stall, "{waited:?}");
     // Each question is followed by a wait of 20 ms, on a machine that stands still by a longer one. What

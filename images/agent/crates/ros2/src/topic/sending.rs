@@ -235,7 +235,8 @@ impl Topic {
             *progress = Progress::default();
         } else if seen.has_stopped(self.means.stall) {
             let (node, topic) = (link.node.clone(), self.info.topic.clone());
-            return Err(SendError::Stalled { node, topic, waited });
+            let why = link.why_it_takes_nothing(ledger).map_err(failed)?;
+            return Err(SendError::Stalled { node, topic, waited, why });
         }
         Ok(())
     }

@@ -71,6 +71,30 @@ fn who_has_stopped_is_named_though_others_take_what_another_publishes() {
 }
 
 #[test]
+fn who_takes_nothing_and_is_in_no_callback_is_named_with_what_that_may_be() {
+    for (reliability, why) in [
+        ("reliable", "runs: it takes from the topic too seldom"),
+        ("best_effort", "runs: they were lost on their way, as it asks for best effort, or"),
+    ] {
+        let scene = Scene::new();
+        let queue = format!("/in:std_msgs/msg/String:1:{reliability}");
+        let idle = scene.start("standin_node", &["--name", "/idle", "--sub", &queue]);
+        let mut seen = |progress: Progress| {
+            if progress.stage == Stage::Play && progress.sent == 0 {
+                idle.signal("STOP");
+            }
+        };
+        let ask = Ask { mode: Mode::Max, drain: Duration::from_millis(500), ..DEFAULT };
+        let played = recording_of(&strings(RELIABLE), 50, 60);
+        let error = scene.play_while(&played, &ask, &mut seen).unwrap_err();
+        assert_eq!(error.reason(), "StackStoppedReading");
+        let words = error.to_string();
+        assert!(words.starts_with("the node /idle has taken nothing from /in for "), "{words}");
+        assert!(words.contains(why), "{words}");
+    }
+}
+
+#[test]
 fn who_has_stopped_is_named_though_another_comes_and_goes() {
     let scene = Scene::new();
     let queue = "/in:std_msgs/msg/String:10:reliable";
