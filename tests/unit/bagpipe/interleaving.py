@@ -41,60 +41,59 @@ class World:
     waiting: dict[int, Step] = field(default_factory=dict)
     answers: dict[int, list[str]] = field(default_factory=dict)
     faults: list[str] = field(default_factory=list)
-    _turn: dict[int, str] = field(default_factory=dict)
-    _ended: set[int] = field(default_factory=set)
-    _changed: threading.Condition = field(default_factory=threading.Condition)
+    _granted: dict[int, str] = field(default_factory=dict)
+    _turns: list[threading.Lock] = field(init=False)
+    _back: threading.Lock = field(default_factory=threading.Lock)
+
+    def __post_init__(self) -> None:
+        self._turns = [threading.Lock() for _ in range(self.programs)]
+        for lock in [*self._turns, self._back]:
+            lock.acquire()
 
     def ask(self, program: int, name: str, uri: str, act: Callable[[], Any]) -> Any:
         """One step: waits for its turn, is done as a whole, and is answered or not."""
         step = Step(name, uri)
-        with self._changed:
-            self.waiting[program] = step
-            self._changed.notify_all()
-            assert self._changed.wait_for(lambda: program in self._turn, _STUCK_SECONDS)
-            how = self._turn.pop(program)
-            del self.waiting[program]
-            if how == "crash":
-                raise CrashError
-            self.forbidden(self, step)
-            try:
-                answer = act()
-            except StorageError as error:
-                self.answers.setdefault(program, []).append(f"{name} {uri}: {error}")
-                raise
-            reply = "lost" if how == "lost" else repr(answer)
-            self.answers.setdefault(program, []).append(f"{name} {uri}: {reply}")
-            if how == "lost":
-                raise StorageError(f"{uri}: the answer was lost")
-            return answer
+        self.waiting[program] = step
+        self._back.release()
+        assert self._turns[program].acquire(timeout=_STUCK_SECONDS)
+        how = self._granted.pop(program)
+        del self.waiting[program]
+        if how == "crash":
+            raise CrashError
+        self.forbidden(self, step)
+        try:
+            answer = act()
+        except StorageError as error:
+            self.answers.setdefault(program, []).append(f"{name} {uri}: {error}")
+            raise
+        reply = "lost" if how == "lost" else repr(answer)
+        self.answers.setdefault(program, []).append(f"{name} {uri}: {reply}")
+        if how == "lost":
+            raise StorageError(f"{uri}: the answer was lost")
+        return answer
 
-    def await_all(self) -> list[int]:
-        """Who waits for a turn, once nobody runs."""
-        with self._changed:
-            everybody = set(range(self.programs))
-            assert self._changed.wait_for(
-                lambda: self.waiting.keys() - self._turn.keys() | self._ended == everybody,
-                _STUCK_SECONDS,
-            )
-            return sorted(self.waiting)
+    def await_one(self) -> None:
+        """Until the one program that runs waits for its turn, or has ended."""
+        assert self._back.acquire(timeout=_STUCK_SECONDS)
 
     def grant(self, choice: Choice) -> None:
-        with self._changed:
-            self._turn[choice[0]] = choice[1]
-            if choice[1] != "ok":
-                self.faults.append(choice[1])
-            self._changed.notify_all()
+        """Give a program its turn, and wait until it waits for another one."""
+        program, how = choice
+        self._granted[program] = how
+        if how != "ok":
+            self.faults.append(how)
+        self._turns[program].release()
+        self.await_one()
 
-    def end(self, program: int) -> None:
-        with self._changed:
-            self._ended.add(program)
-            self._changed.notify_all()
+    def end(self) -> None:
+        """The program that runs has ended."""
+        self._back.release()
 
     def state(self) -> int:
         """What may still become of it all."""
         answers = tuple((n, tuple(reply)) for n, reply in sorted(self.answers.items()))
         files = tuple(sorted(self.files.items()))
-        return hash((answers, files, tuple(self._ended), tuple(self.faults)))
+        return hash((answers, files, tuple(sorted(self.waiting)), tuple(self.faults)))
 
 
 @dataclass(frozen=True)
@@ -161,8 +160,9 @@ def run(
     ]
     for thread in threads:
         thread.start()
+        world.await_one()
     at = 0
-    while waiting := world.await_all():
+    while waiting := sorted(world.waiting):
         choices = [(number, how) for number in waiting for how in _ways(world, number)]
         yield world.state(), choices
         world.grant(order[at] if at < len(order) else choices[0])
@@ -185,7 +185,7 @@ def _program(world: World, number: int, program: Callable[[Door], None]) -> None
     except CrashError:
         world.answers.setdefault(number, []).append("crashed")
     finally:
-        world.end(number)
+        world.end()
 
 
 def orders(
