@@ -22,16 +22,26 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "ring.h"
+
 #define RECEIVERS 512u /* more are not held back; a power of two */
 #define PAUSE_NS 50000
-/* So long nothing is taken by who has stopped, or gets no processor. */
+/* So long nothing is taken by who has stopped, or gets no processor; and longer, but for what it reads in
+ * quarters of its buffer: of less the kernel (udp_rmem_release) may count what was read as waiting. */
 #define PATIENCE_NS 100000000
+#define NS_OF_A_BYTE 1000
+#define MOST_PATIENCE_NS 1000000000
+/* By the clock what is due next waits as well: so long at most, and no more than a part of the time. */
+#define LATE_NS 20000000
+#define LATE_PART 4
 /* Bytes that are sent to who is not found before it is looked for again. */
 #define UNKNOWN 1000000
+#define MOST_BYTES 65507 /* of a datagram */
 
 struct receiver {
   struct sockaddr_in at; /* sin_port 0: a free place */
   int64_t room;          /* as the kernel counts it, before it is asked again */
+  uint32_t waiting;      /* when it was asked last */
   bool stopped;          /* it took nothing for so long, and is not waited for until it does */
 };
 
@@ -43,6 +53,7 @@ struct load {
 static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
 static struct receiver receivers[RECEIVERS];
 static int diagnosis = -1; /* a socket of sock_diag */
+static int64_t late_left = LATE_NS, late_at; /* how long may be waited by the clock, and since when */
 
 static int64_t now_ns(void) {
   struct timespec now;
@@ -119,43 +130,69 @@ static bool ask(const struct sockaddr_in *at, struct load *into) {
   question.wanted.id.idiag_dport = at->sin_port;
   question.wanted.id.idiag_dst[0] = at->sin_addr.s_addr;
   memset(question.wanted.id.idiag_cookie, 0xff, sizeof question.wanted.id.idiag_cookie);
-  if (send(diagnosis, &question, sizeof question, MSG_DONTWAIT) != sizeof question) return false;
+  /* Of a socket that others have closed, the number may be another's by now. */
+  struct sockaddr_nl kernel = {.nl_family = AF_NETLINK};
+  ssize_t went = syscall(SYS_sendto, diagnosis, &question, sizeof question, MSG_DONTWAIT, &kernel,
+                         sizeof kernel);
+  if (went != sizeof question) {
+    diagnosis = -1;
+    return false;
+  }
   return read_answer(number, into);
 }
 
-/* Whether so much may go out now; half of the room is left to what others send. */
-static bool has_room(struct receiver *receiver, int64_t needs, uint32_t *waiting) {
-  *waiting = 0;
+/* Whether so much may go out now; half of the room is left to what others send. A quarter may wait where
+ * a datagram needs more: kernels of 2019 count that of a socket that is empty. */
+static bool has_room(struct receiver *receiver, int64_t needs, struct load *load) {
   if (receiver->room >= needs) return true;
-  struct load load;
-  if (!ask(&receiver->at, &load)) {
+  if (!ask(&receiver->at, load)) {
     receiver->room = UNKNOWN;
     return true;
   }
-  *waiting = load.waiting;
-  receiver->room = (int64_t)load.most / 2 - load.waiting;
-  bool room = load.waiting == 0 || receiver->room >= needs;
-  if (room) receiver->stopped = false;
+  receiver->room = (int64_t)load->most / 2 - load->waiting;
+  bool room = load->waiting <= load->most / 4 || receiver->room >= needs;
+  if (room || load->waiting < receiver->waiting) receiver->stopped = false;
+  receiver->waiting = load->waiting;
   return room;
 }
 
+static int64_t patience(const struct load *load) {
+  int64_t all = PATIENCE_NS + (int64_t)load->most / 4 * NS_OF_A_BYTE;
+  return all < MOST_PATIENCE_NS ? all : MOST_PATIENCE_NS;
+}
+
+static bool by_the_clock(void) {
+  return memory != NULL && atomic_load(&memory->by_the_clock) != 0;
+}
+
+/* Whether somebody may be waited for; by the clock not for long. */
+static bool may_wait(int64_t now) {
+  if (!by_the_clock()) return true;
+  late_left += (now - late_at) / LATE_PART;
+  late_at = now;
+  if (late_left > LATE_NS) late_left = LATE_NS;
+  return late_left > 0;
+}
+
 static void await_room(const struct sockaddr_in *at, size_t bytes) {
-  int64_t needs = charge(bytes), since = 0;
-  uint32_t waiting, least = UINT32_MAX;
   const struct timespec pause = {0, PAUSE_NS};
+  int64_t needs = charge(bytes), since = 0;
+  uint32_t least = UINT32_MAX;
+  struct load load = {0, 0};
   pthread_mutex_lock(&lock);
   struct receiver *receiver = find(at);
-  while (receiver != NULL && !has_room(receiver, needs, &waiting) && !receiver->stopped) {
+  while (receiver != NULL && !has_room(receiver, needs, &load) && !receiver->stopped) {
     int64_t now = now_ns();
-    if (waiting < least) {
-      least = waiting;
+    if (load.waiting < least) {
+      least = load.waiting;
       since = now;
     }
-    receiver->stopped = now - since >= PATIENCE_NS;
-    if (receiver->stopped) break;
+    receiver->stopped = now - since >= patience(&load);
+    if (receiver->stopped || !may_wait(now)) break;
     pthread_mutex_unlock(&lock);
     nanosleep(&pause, NULL);
     pthread_mutex_lock(&lock);
+    if (by_the_clock()) late_left -= now_ns() - now;
   }
   if (receiver != NULL) receiver->room = receiver->room > needs ? receiver->room - needs : 0;
   pthread_mutex_unlock(&lock);
@@ -163,6 +200,7 @@ static void await_room(const struct sockaddr_in *at, size_t bytes) {
 
 static void hold_back(const struct sockaddr *at, socklen_t length, size_t bytes) {
   if (at == NULL || length < sizeof(struct sockaddr_in) || at->sa_family != AF_INET) return;
+  if (bytes > MOST_BYTES) return;
   const struct sockaddr_in *inet = (const struct sockaddr_in *)at;
   if (ntohl(inet->sin_addr.s_addr) >> 24 != IN_LOOPBACKNET || inet->sin_port == 0) return;
   int before = errno;
@@ -173,8 +211,9 @@ static void hold_back(const struct sockaddr *at, socklen_t length, size_t bytes)
 __attribute__((visibility("default"))) ssize_t sendmsg(int socket, const struct msghdr *message,
                                                        int flags) {
   size_t bytes = 0;
-  for (size_t part = 0; part < message->msg_iovlen; part++) bytes += message->msg_iov[part].iov_len;
-  hold_back(message->msg_name, message->msg_namelen, bytes);
+  for (size_t part = 0; message != NULL && part < message->msg_iovlen; part++)
+    bytes += message->msg_iov[part].iov_len;
+  if (message != NULL) hold_back(message->msg_name, message->msg_namelen, bytes);
   return syscall(SYS_sendmsg, socket, message, flags);
 }
 

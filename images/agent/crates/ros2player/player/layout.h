@@ -52,7 +52,8 @@ struct player_header {
   _Atomic uint32_t endpoints;
   _Atomic uint64_t room;    /* bytes of each ring, a power of two */
   _Atomic uint64_t refused; /* of all publishers */
-  _Atomic uint64_t reserved[12];
+  _Atomic uint64_t by_the_clock; /* whether messages are published when they are due: 0 or 1 */
+  _Atomic uint64_t reserved[11];
   struct player_ring out;
   struct player_ring in;
   struct player_publisher publisher[PLAYER_ENDPOINTS];

@@ -49,7 +49,8 @@ pub(crate) struct Header {
     pub(crate) endpoints: AtomicU32,
     pub(crate) room: AtomicU64,
     pub(crate) refused: AtomicU64,
-    pub(crate) reserved: [AtomicU64; 12],
+    pub(crate) by_the_clock: AtomicU64,
+    pub(crate) reserved: [AtomicU64; 11],
     pub(crate) out: Ring,
     pub(crate) in_: Ring,
     pub(crate) publisher: [Publisher; ENDPOINTS],
@@ -114,7 +115,7 @@ mod tests {
             reserved "reserved": u64));
         all.extend(fields!(Header, "player_header", magic "magic": u64, version "version": u32,
             endpoints "endpoints": u32, room "room": u64, refused "refused": u64,
-            reserved "reserved": [u64; 12], out "out": Ring, in_ "in": Ring,
+            by_the_clock "by_the_clock": u64, reserved "reserved": [u64; 11], out "out": Ring, in_ "in": Ring,
             publisher "publisher": [Publisher; ENDPOINTS],
             subscription "subscription": [Subscription; ENDPOINTS]));
         all

@@ -88,6 +88,12 @@ impl Player {
         self.program.pid()
     }
 
+    /// Has it publish at the moments at which it is given messages: it is held up for who reads slowly by
+    /// 20 ms at the most, and a fourth of the time, and not as long as that reads.
+    pub fn keep_to_the_clock(&self) {
+        self.memory.by_the_clock.store(1, SeqCst);
+    }
+
     /// Makes a publisher. Give it [`History::KeepAll`](crate::History::KeepAll) or a depth that is
     /// no less than what is in flight at once: a publisher's queue overwrites as a subscription's.
     ///

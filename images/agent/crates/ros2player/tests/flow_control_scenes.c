@@ -10,6 +10,7 @@
 #include <time.h>
 
 static long waited_ns, asked;
+static long crawl_ns; /* in which it reads once; 0: at each pause */
 static int no_answers; /* whether the kernel has no sock_diag */
 static void read_some(void);
 
@@ -19,45 +20,53 @@ static int stopped_clock(struct timespec *now) {
 }
 static int passing(const struct timespec *pause) {
   waited_ns += pause->tv_nsec;
-  read_some();
+  if (crawl_ns == 0 || waited_ns % crawl_ns == 0) read_some();
   return 0;
 }
 static int opened(int family, int kind, int protocol) {
   if (no_answers) return errno = EPROTONOSUPPORT, -1;
   return socket(family, kind, protocol);
 }
-static ssize_t counted(int to, const void *data, size_t bytes, int flags) {
+static ssize_t counted(int from, void *data, size_t bytes, int flags) {
   asked++;
-  return send(to, data, bytes, flags);
+  return recv(from, data, bytes, flags);
 }
 
 #define clock_gettime(clock, now) stopped_clock(now)
 #define nanosleep(pause, rest) passing(pause)
 #define socket(family, kind, protocol) opened(family, kind, protocol)
-#define send counted
+#define recv counted
 #include "flow_control.c"
 #undef socket
-#undef send
+#undef recv
+
+struct player_header *memory;
 
 #define ROOM 100000 /* the kernel doubles it */
+#define LARGE_ROOM 1000000
 
 static struct sockaddr_in at;
 static int from, to, reads;
-static long came;
-static char data[65507];
+static long came, later; /* `later`: of those that went out from number `from_number` on */
+static uint32_t number, from_number = UINT32_MAX;
+static char data[65507], taken_data[65507];
 
 static long take(long most) {
   long taken = 0;
-  while (taken < most && recv(to, data, sizeof data, MSG_DONTWAIT | MSG_TRUNC) >= 0) taken++;
+  while (taken < most && recv(to, taken_data, sizeof taken_data, MSG_DONTWAIT) >= 0) {
+    uint32_t one;
+    memcpy(&one, taken_data, sizeof one);
+    if (one >= from_number) later++;
+    taken++;
+  }
   came += taken;
   return taken;
 }
 static void read_some(void) { take(reads); }
 
-static void open_both(const char *address) {
+static void open_both(const char *address, int room) {
   from = socket(AF_INET, SOCK_DGRAM, 0);
   to = socket(AF_INET, SOCK_DGRAM, 0);
-  int room = ROOM;
   assert(setsockopt(to, SOL_SOCKET, SO_RCVBUF, &room, sizeof room) == 0);
   at = (struct sockaddr_in){.sin_family = AF_INET};
   assert(inet_pton(AF_INET, address, &at.sin_addr) == 1);
@@ -67,6 +76,7 @@ static void open_both(const char *address) {
   came = waited_ns = asked = 0;
 }
 static void put(size_t bytes) {
+  memcpy(data, &number, sizeof number), number++;
   assert(sendto(from, data, bytes, 0, (struct sockaddr *)&at, sizeof at) == (ssize_t)bytes);
 }
 static void put_in_parts(size_t bytes) {
@@ -81,7 +91,7 @@ static void end(const char *scene, long sent) {
 }
 
 static void stream(const char *scene, long sent, size_t bytes, int each_pause, int each_send) {
-  open_both("127.0.0.1");
+  open_both("127.0.0.1", ROOM);
   reads = each_pause;
   for (long one = 0; one < sent; one++) {
     if (one % 2) put(bytes); else put_in_parts(bytes);
@@ -92,7 +102,7 @@ static void stream(const char *scene, long sent, size_t bytes, int each_pause, i
 
 /* It reads nothing, then everything, then nothing again. */
 static void stops(void) {
-  open_both("127.0.0.1");
+  open_both("127.0.0.1", ROOM);
   reads = 0;
   for (int one = 0; one < 40; one++) put(60000);
   printf("stopped 40 0 %ld %ld\n", waited_ns / 1000, asked);
@@ -102,10 +112,53 @@ static void stops(void) {
   end("stopped-again", 40);
 }
 
+/* It stops, and then reads slower than is sent: of the last 400 datagrams so many come. What it reads the
+ * kernel shows in quarters of its room, of which none falls within 100 ms. */
+static void goes_on(void) {
+  open_both("127.0.0.1", LARGE_ROOM);
+  reads = 0;
+  for (int one = 0; one < 80; one++) put(14720);
+  reads = 1;
+  for (int one = 0; one < 550; one++) {
+    if (one == 150) from_number = number;
+    put(14720);
+    if (one % 2) take(1);
+  }
+  take(80);
+  printf("goes-on 400 %ld %ld %ld\n", later, waited_ns / 1000, asked);
+  from_number = UINT32_MAX;
+  close(from), close(to);
+}
+
+/* It reads a datagram in 10 ms. */
+static void crawls(void) {
+  open_both("127.0.0.1", LARGE_ROOM);
+  crawl_ns = 10000000;
+  reads = 1;
+  for (int one = 0; one < 200; one++) put(14720);
+  crawl_ns = 0;
+  end("crawls", 200);
+}
+
+/* A reader of one datagram in 50 ms, beside which others are to be in time. */
+static void keeps_to_the_clock(void) {
+  static struct player_header header = {.by_the_clock = 1};
+  memory = &header;
+  open_both("127.0.0.1", ROOM);
+  late_left = LATE_NS, late_at = now_ns();
+  reads = 0;
+  for (int one = 0; one < 300; one++) {
+    put(60000);
+    if (one % 100 == 99) take(1);
+  }
+  end("by-the-clock", 300);
+  memory = NULL;
+}
+
 /* The most that the kernel counts for one datagram beyond what is taken for it, of each size. */
 static void charges(void) {
   long beyond = -1;
-  open_both("127.0.0.1");
+  open_both("127.0.0.1", ROOM);
   for (size_t bytes = 1; bytes <= 65507; bytes += bytes < 3000 ? 1 : 211) {
     struct load load;
     put(bytes);
@@ -117,12 +170,27 @@ static void charges(void) {
   printf("charges %ld\n", beyond);
 }
 
+/* A little waits all the time, before datagrams that need more than half of the room. */
+static void alternates(void) {
+  open_both("127.0.0.1", ROOM);
+  reads = 0;
+  for (int one = 0; one < 100; one++) {
+    put(1000), put(65507);
+    take(2);
+  }
+  end("alternates", 200);
+}
+
 int main(void) {
   stream("slow", 200, 65000, 1, 0);
   stream("quick", 20000, 1000, 1, 1);
   stops();
+  goes_on();
+  crawls();
+  alternates();
+  keeps_to_the_clock();
   charges();
-  open_both("127.0.0.1");
+  open_both("127.0.0.1", ROOM);
   close(to);
   for (int one = 0; one < 100; one++) put(60000);
   printf("nobody 100 0 %ld %ld\n", waited_ns / 1000, asked);

@@ -54,6 +54,9 @@ impl Graph {
         sink: Box<dyn Sink>,
     ) -> Result<Graph, GraphError> {
         let Ros2Options { ledger, qos, prefixes, active, .. } = middleware;
+        if options.paced_by == PacedBy::Schedule {
+            player.keep_to_the_clock();
+        }
         let means = Arc::new(Means {
             player,
             ledger: Arc::clone(ledger),
