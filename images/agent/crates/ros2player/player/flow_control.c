@@ -135,7 +135,7 @@ static bool ask(const struct sockaddr_in *at, struct load *into) {
   ssize_t went = syscall(SYS_sendto, diagnosis, &question, sizeof question, MSG_DONTWAIT, &kernel,
                          sizeof kernel);
   if (went != sizeof question) {
-    diagnosis = -1;
+    if (errno != EAGAIN && errno != ENOBUFS && errno != ENOMEM) diagnosis = -1;
     return false;
   }
   return read_answer(number, into);
