@@ -26,11 +26,9 @@
 
 #define RECEIVERS 512u /* more are not held back; a power of two */
 #define PAUSE_NS 50000
-/* So long nothing is taken by who has stopped, or gets no processor; and longer, but for what it reads in
- * quarters of its buffer: of less the kernel (udp_rmem_release) may count what was read as waiting. */
-#define PATIENCE_NS 100000000
-#define NS_OF_A_BYTE 1000
-#define MOST_PATIENCE_NS 1000000000
+/* So long nothing is taken by who has stopped; who gets no processor for a while, or reads slowly, has
+ * not: what was read the kernel (udp_rmem_release) shows in quarters of the buffer. */
+#define PATIENCE_NS 1000000000
 /* By the clock what is due next waits as well: so long at most, and no more than a part of the time. */
 #define LATE_NS 20000000
 #define LATE_PART 4
@@ -156,11 +154,6 @@ static bool has_room(struct receiver *receiver, int64_t needs, struct load *load
   return room;
 }
 
-static int64_t patience(const struct load *load) {
-  int64_t all = PATIENCE_NS + (int64_t)load->most / 4 * NS_OF_A_BYTE;
-  return all < MOST_PATIENCE_NS ? all : MOST_PATIENCE_NS;
-}
-
 static bool by_the_clock(void) {
   return memory != NULL && atomic_load(&memory->by_the_clock) != 0;
 }
@@ -187,7 +180,7 @@ static void await_room(const struct sockaddr_in *at, size_t bytes) {
       least = load.waiting;
       since = now;
     }
-    receiver->stopped = now - since >= patience(&load);
+    receiver->stopped = now - since >= PATIENCE_NS;
     if (receiver->stopped || !may_wait(now)) break;
     pthread_mutex_unlock(&lock);
     nanosleep(&pause, NULL);

@@ -51,10 +51,9 @@ fn a_sender_is_held_back_by_who_reads_and_by_nobody_else() {
     let [sent, came, waited, asked] = of("quick");
     assert_eq!((sent, came, waited), (20_000, 20_000, 0));
     assert!(asked <= 20_000 / 40, "{asked}");
-    // Who has stopped is waited for once, 100 ms and a microsecond for each byte of a quarter of its
-    // room, and again only after it has read.
+    // Who has stopped is waited for once, and again only after it has read.
     for scene in ["stopped", "stopped-again"] {
-        assert_eq!(of(scene)[2], 150_000, "{scene}");
+        assert_eq!(of(scene)[2], 1_000_000, "{scene}");
     }
     assert_eq!(of("goes-on")[..2], [400, 400]);
     assert_eq!(of("crawls")[..2], [200, 200]);
@@ -80,7 +79,7 @@ fn what_is_larger_than_a_socket_arrives_of_best_effort_too() {
         let player = graph.player();
         let publisher = player.advertise("/far", "std_msgs/UInt8MultiArray", &ALL).unwrap();
         graph.met("/far", &player, publisher);
-        for one in 1..=20 {
+        for one in 1..=5 {
             publish(&player, publisher, &message(one, 4_000_000)).unwrap();
             eventually(|| graph.subscription("/far").counts.taken == one);
         }

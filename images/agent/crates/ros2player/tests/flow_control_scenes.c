@@ -113,7 +113,7 @@ static void stops(void) {
 }
 
 /* It stops, and then reads slower than is sent: of the last 400 datagrams so many come. What it reads the
- * kernel shows in quarters of its room, of which none falls within 100 ms. */
+ * kernel shows in quarters of its room. */
 static void goes_on(void) {
   open_both("127.0.0.1", LARGE_ROOM);
   reads = 0;
