@@ -1,37 +1,20 @@
 //! What is sent to a process of this machine waits for it, as long as it takes something.
 #![allow(clippy::unwrap_used)]
 
+mod scenes;
 mod standin;
 
 use std::collections::BTreeMap;
-use std::path::Path;
-use std::process::Command;
+use std::ffi::OsStr;
 
+use scenes::{own, printed};
 use standin::{ALL, eventually, message, publish, with_each_player};
 
-/// The scenes of `flow_control_scenes.c`, each with its figures.
+/// The scenes of `scenes/flow_control_scenes.c`, each with its figures.
 fn scenes() -> BTreeMap<String, Vec<i64>> {
-    let folder = std::env::temp_dir().join(format!("ros2-flow-control-{}", std::process::id()));
-    std::fs::create_dir_all(&folder).unwrap();
-    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let program = folder.join("scenes");
-    let compiled = Command::new("cc")
-        .args(["-std=gnu11", "-O1", "-g", "-Wall", "-Wextra", "-Werror"])
-        .args(["-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-I"])
-        .args([
-            &here.join("player"),
-            &here.join("tests/flow_control_scenes.c"),
-            Path::new("-o"),
-            &program,
-        ])
-        .arg("-lpthread")
-        .output()
-        .unwrap();
-    assert!(compiled.status.success(), "{}", String::from_utf8_lossy(&compiled.stderr));
-    let output = Command::new(&program).output().unwrap();
-    std::fs::remove_dir_all(&folder).unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let text = String::from_utf8(output.stdout).unwrap();
+    let (player, scene) = (own("player"), own("tests/scenes/flow_control_scenes.c"));
+    let strict = ["-Wall", "-Wextra", "-Werror", "-lpthread", "-I"].map(OsStr::new);
+    let text = printed("flow-control", &[&strict[..], &[player.as_ref(), scene.as_ref()]].concat());
     let words = |line: &str| {
         let (scene, figures) = line.split_once(' ').unwrap();
         (scene.to_owned(), figures.split(' ').map(|word| word.parse().unwrap()).collect())
