@@ -88,8 +88,8 @@ impl Player {
         self.program.pid()
     }
 
-    /// Has it publish at the moments at which it is given messages: it is held up for who reads slowly by
-    /// 20 ms at the most, and a fourth of the time, and not as long as that reads.
+    /// Has it publish each message when it is given it: a slow reader holds it up by 20 ms at the most, and
+    /// a fourth of the time, where it would be waited for otherwise as long as it reads.
     pub fn keep_to_the_clock(&self) {
         self.memory.by_the_clock.store(1, SeqCst);
     }
