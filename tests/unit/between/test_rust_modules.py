@@ -36,7 +36,8 @@ TOGETHER = {
 }  # fmt: skip
 # At the least so many edges were found, so that a source that is read wrongly is noticed.
 LEAST_EDGES = {
-    "agent": 80, "cyclonedds": 0, "graph": 5, "log": 5, "mcap": 40, "replay": 140, "ros1": 25,
+    "agent": 80, "cyclonedds": 0, "flow_control": 0, "graph": 5, "log": 5, "mcap": 40,
+    "replay": 140, "ros1": 25,
     "ros2ledger": 12,
     "ros2player": 25,
     "rosbag": 60,

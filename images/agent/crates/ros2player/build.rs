@@ -7,11 +7,11 @@ use std::process::{Command, ExitCode};
 const SHARED: [&str; 9] = [
     "answer.c",
     "control.c",
-    "flow_control.c",
     "main.c",
     "presence.c",
     "publish.c",
     "ring.c",
+    "sending.c",
     "take.c",
     "threads.c",
 ];
@@ -49,7 +49,7 @@ const FLAGS: [&str; 9] = [
 // empty ones: named by their files, since they have no link to them for compilers.
 const RCL_FLAGS: [&str; 10] = [
     "-pie",
-    // For cyclone.c and flow_control.c, whose functions libraries are to find.
+    // For cyclone.c and sending.c, whose functions libraries are to find.
     "-Wl,--export-dynamic-symbol=dds_create_writer",
     "-Wl,--export-dynamic-symbol=sendmsg",
     "-Wl,--export-dynamic-symbol=sendto",
@@ -86,10 +86,14 @@ fn main() -> ExitCode {
 fn build(name: &str, own: &[&str], flags: &[String]) -> Result<(), String> {
     let folder = PathBuf::from(variable("OUT_DIR")?);
     let compiler = std::env::var_os("CC").unwrap_or_else(|| "cc".into());
+    let flow = PathBuf::from(variable("DEP_BAGPIPE_FLOW_CONTROL_FOLDER")?);
     let mut command = Command::new(compiler);
     command
         .args(FLAGS)
         .args(SHARED.iter().chain(own).map(|name| format!("player/{name}")))
+        .arg(flow.join("flow_control.c"))
+        .arg("-I")
+        .arg(&flow)
         .arg("-o")
         .arg(folder.join(name))
         .args(flags);

@@ -1,10 +1,11 @@
-/* Sends datagrams through the player's flow control to sockets of this process, which are read while it
+/* Sends datagrams through the flow control to sockets of this process, which are read while it
  * waits; its clock stands still otherwise. A line for each scene: what went out, what came, for how long
  * was waited, in µs, and how often the kernel was asked. */
 #define _GNU_SOURCE
 #include <arpa/inet.h>
 #include <assert.h>
 #include <errno.h>
+#include <ifaddrs.h>
 #include <stdio.h>
 #include <sys/socket.h>
 #include <time.h>
@@ -40,7 +41,7 @@ static ssize_t counted(int from, void *data, size_t bytes, int flags) {
 #undef socket
 #undef recv
 
-struct player_header *memory;
+static bool by_the_clock;
 
 #define ROOM 100000 /* the kernel doubles it */
 #define LARGE_ROOM 1000000
@@ -77,11 +78,13 @@ static void open_both(const char *address, int room) {
 }
 static void put(size_t bytes) {
   memcpy(data, &number, sizeof number), number++;
+  flow_control_wait((struct sockaddr *)&at, sizeof at, bytes, by_the_clock);
   assert(sendto(from, data, bytes, 0, (struct sockaddr *)&at, sizeof at) == (ssize_t)bytes);
 }
 static void put_in_parts(size_t bytes) {
   struct iovec parts[2] = {{data, bytes / 2}, {data, bytes - bytes / 2}};
   struct msghdr whole = {.msg_name = &at, .msg_namelen = sizeof at, .msg_iov = parts, .msg_iovlen = 2};
+  flow_control_wait_message(&whole, by_the_clock);
   assert(sendmsg(from, &whole, 0) == (ssize_t)bytes);
 }
 static void end(const char *scene, long sent) {
@@ -90,8 +93,9 @@ static void end(const char *scene, long sent) {
   close(from), close(to);
 }
 
-static void stream(const char *scene, long sent, size_t bytes, int each_pause, int each_send) {
-  open_both("127.0.0.1", ROOM);
+static void stream(const char *scene, long sent, size_t bytes, int each_pause, int each_send,
+                   const char *address) {
+  open_both(address, ROOM);
   reads = each_pause;
   for (long one = 0; one < sent; one++) {
     if (one % 2) put(bytes); else put_in_parts(bytes);
@@ -142,8 +146,7 @@ static void crawls(void) {
 
 /* A reader of one datagram in 50 ms, beside which others are to be in time. */
 static void keeps_to_the_clock(void) {
-  static struct player_header header = {.by_the_clock = 1};
-  memory = &header;
+  by_the_clock = true;
   open_both("127.0.0.1", ROOM);
   late_left = LATE_NS, late_at = now_ns();
   reads = 0;
@@ -152,7 +155,7 @@ static void keeps_to_the_clock(void) {
     if (one % 100 == 99) take(1);
   }
   end("by-the-clock", 300);
-  memory = NULL;
+  by_the_clock = false;
 }
 
 /* The most that the kernel counts for one datagram beyond what is taken for it, of each size. */
@@ -181,21 +184,65 @@ static void alternates(void) {
   end("alternates", 200);
 }
 
+/* A signal comes in the midst of it and sends as well; and a child of a fork begins in the midst of it. */
+static void interrupted(void) {
+  open_both("127.0.0.1", ROOM);
+  reads = 0;
+  assert(take_lock());
+  put(60000);
+  end("interrupted", 1);
+  open_both("127.0.0.1", ROOM);
+  int before = diagnosis;
+  flow_control_in_child();
+  put(60000);
+  assert(before < 0 || diagnosis == before); /* it was closed, so that the number was free again */
+  end("child", 1);
+}
+
+/* An address of this machine that is none of 127.0.0.0/8, if it has one. */
+static const char *own_address(void) {
+  static char text[INET_ADDRSTRLEN] = "127.0.0.1";
+  struct ifaddrs *all;
+  assert(getifaddrs(&all) == 0);
+  for (struct ifaddrs *one = all; one != NULL; one = one->ifa_next) {
+    if (one->ifa_addr == NULL || one->ifa_addr->sa_family != AF_INET) continue;
+    struct in_addr found = ((struct sockaddr_in *)one->ifa_addr)->sin_addr;
+    if (ntohl(found.s_addr) >> 24 != IN_LOOPBACKNET) inet_ntop(AF_INET, &found, text, sizeof text);
+  }
+  freeifaddrs(all);
+  return text;
+}
+
+/* To addresses that this machine has not, of which nothing is sent. */
+static void elsewhere(void) {
+  waited_ns = asked = 0;
+  const char *all[] = {"198.51.100.1", "239.255.0.1", "255.255.255.255", "0.0.0.0"};
+  for (int one = 0; one < 400; one++) {
+    struct sockaddr_in there = {.sin_family = AF_INET, .sin_port = at.sin_port};
+    assert(inet_pton(AF_INET, all[one % 4], &there.sin_addr) == 1);
+    flow_control_wait((struct sockaddr *)&there, sizeof there, 60000, false);
+  }
+  printf("elsewhere 400 0 %ld %ld\n", waited_ns / 1000, asked);
+}
+
 int main(void) {
-  stream("slow", 200, 65000, 1, 0);
-  stream("quick", 20000, 1000, 1, 1);
+  stream("slow", 200, 65000, 1, 0, "127.0.0.1");
+  stream("interface", 200, 65000, 1, 0, own_address());
+  elsewhere();
+  stream("quick", 20000, 1000, 1, 1, "127.0.0.1");
   stops();
   goes_on();
   crawls();
   alternates();
   keeps_to_the_clock();
   charges();
+  interrupted();
   open_both("127.0.0.1", ROOM);
   close(to);
   for (int one = 0; one < 100; one++) put(60000);
   printf("nobody 100 0 %ld %ld\n", waited_ns / 1000, asked);
   close(from);
   diagnosis = -1, no_answers = 1;
-  stream("unanswered", 40, 60000, 1, 0);
+  stream("unanswered", 40, 60000, 1, 0, "127.0.0.1");
   return 0;
 }

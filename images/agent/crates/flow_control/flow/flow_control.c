@@ -1,11 +1,10 @@
-/* Sends datagrams no faster than processes of this machine take them from their sockets.
- *
- * Loopback holds no sender up: what finds no room in the receiver's socket is thrown away. A message that
+/* Loopback holds no sender up: what finds no room in the receiver's socket is thrown away. A message that
  * is larger than that room (208 KiB unless the machine gives more) then reaches a reader of best
  * effort by luck alone, and a reliable one by repetitions, each after tens of milliseconds. The kernel
- * shows by sock_diag(7) how much waits in a socket, also of another process in the network namespace.
- * What a program itself defines is found before what libraries do, so that middlewares call these. */
+ * shows by sock_diag(7) how much waits in a socket, also of another process in the network namespace. */
 #define _GNU_SOURCE
+#include "flow_control.h"
+
 #include <arpa/inet.h>
 #include <errno.h>
 #include <linux/inet_diag.h>
@@ -13,19 +12,16 @@
 #include <linux/rtnetlink.h>
 #include <linux/sock_diag.h>
 #include <netinet/in.h>
-#include <pthread.h>
-#include <stdbool.h>
+#include <stdatomic.h>
 #include <stdint.h>
 #include <string.h>
-#include <sys/socket.h>
 #include <sys/syscall.h>
 #include <time.h>
 #include <unistd.h>
 
-#include "ring.h"
-
 #define RECEIVERS 512u /* more are not held back; a power of two */
 #define PAUSE_NS 50000
+#define TRIES 200 /* a pause each, for who has the lock */
 /* So long nothing is taken by who has stopped; who gets no processor for a while, or reads slowly, has
  * not: what was read the kernel (udp_rmem_release) shows in quarters of the buffer. */
 #define PATIENCE_NS 1000000000
@@ -40,6 +36,7 @@ struct receiver {
   struct sockaddr_in at; /* sin_port 0: a free place */
   int64_t room;          /* as the kernel counts it, before it is asked again */
   uint32_t waiting;      /* when it was asked last */
+  bool foreign;          /* another machine's, which nothing is known of */
   bool stopped;          /* it took nothing for so long, and is not waited for until it does */
 };
 
@@ -48,10 +45,23 @@ struct load {
   uint32_t waiting, most;
 };
 
-static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
+static atomic_flag lock = ATOMIC_FLAG_INIT; /* old C libraries have pthread_mutex_trylock elsewhere */
 static struct receiver receivers[RECEIVERS];
 static int diagnosis = -1; /* a socket of sock_diag */
 static int64_t late_left = LATE_NS, late_at; /* how long may be waited by the clock, and since when */
+
+static const struct timespec A_PAUSE = {0, PAUSE_NS};
+
+/* Whoever has it may be what this signal has interrupted: then nobody is held back. */
+static bool take_lock(void) {
+  for (int tries = 0; tries < TRIES; tries++) {
+    if (!atomic_flag_test_and_set_explicit(&lock, memory_order_acquire)) return true;
+    nanosleep(&A_PAUSE, NULL);
+  }
+  return false;
+}
+
+static void free_lock(void) { atomic_flag_clear_explicit(&lock, memory_order_release); }
 
 static int64_t now_ns(void) {
   struct timespec now;
@@ -67,11 +77,28 @@ static int64_t charge(size_t bytes) {
   return memory + 256;
 }
 
+/* Whether an address is one of this machine's, of loopback or not: middlewares send to the interface that they
+ * have chosen, also where the reader is on the same machine. To others no socket can be bound. */
+static bool is_own(struct in_addr address) {
+  uint32_t number = ntohl(address.s_addr);
+  if (number >> 24 == IN_LOOPBACKNET) return true;
+  if (IN_MULTICAST(number) || number == INADDR_ANY || number == INADDR_BROADCAST) return false;
+  int trial = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  if (trial < 0) return false;
+  struct sockaddr_in any_port = {.sin_family = AF_INET, .sin_addr = address};
+  bool own = bind(trial, (struct sockaddr *)&any_port, sizeof any_port) == 0;
+  close(trial);
+  return own;
+}
+
 static struct receiver *find(const struct sockaddr_in *at) {
   uint32_t first = ntohs(at->sin_port) * 31u + ntohl(at->sin_addr.s_addr);
   for (uint32_t probe = 0; probe < RECEIVERS; probe++) {
     struct receiver *one = &receivers[(first + probe) % RECEIVERS];
-    if (one->at.sin_port == 0) one->at = *at;
+    if (one->at.sin_port == 0) {
+      one->at = *at;
+      one->foreign = !is_own(at->sin_addr);
+    }
     if (one->at.sin_port == at->sin_port && one->at.sin_addr.s_addr == at->sin_addr.s_addr)
       return one;
   }
@@ -154,26 +181,31 @@ static bool has_room(struct receiver *receiver, int64_t needs, struct load *load
   return room;
 }
 
-static bool by_the_clock(void) {
-  return memory != NULL && atomic_load(&memory->by_the_clock) != 0;
-}
-
 /* Whether somebody may be waited for; by the clock not for long. */
-static bool may_wait(int64_t now) {
-  if (!by_the_clock()) return true;
+static bool may_wait(int64_t now, bool by_the_clock) {
+  if (!by_the_clock) return true;
   late_left += (now - late_at) / LATE_PART;
   late_at = now;
   if (late_left > LATE_NS) late_left = LATE_NS;
   return late_left > 0;
 }
 
-static void await_room(const struct sockaddr_in *at, size_t bytes) {
-  const struct timespec pause = {0, PAUSE_NS};
+/* Pauses with the lock free; false where it could not be had again. */
+static bool pause_for(int64_t since, bool by_the_clock) {
+  free_lock();
+  nanosleep(&A_PAUSE, NULL);
+  if (!take_lock()) return false;
+  if (by_the_clock) late_left -= now_ns() - since;
+  return true;
+}
+
+static void await_room(const struct sockaddr_in *at, size_t bytes, bool by_the_clock) {
   int64_t needs = charge(bytes), since = 0;
   uint32_t least = UINT32_MAX;
   struct load load = {0, 0};
-  pthread_mutex_lock(&lock);
+  if (!take_lock()) return;
   struct receiver *receiver = find(at);
+  if (receiver != NULL && receiver->foreign) receiver = NULL;
   while (receiver != NULL && !has_room(receiver, needs, &load) && !receiver->stopped) {
     int64_t now = now_ns();
     if (load.waiting < least) {
@@ -181,39 +213,32 @@ static void await_room(const struct sockaddr_in *at, size_t bytes) {
       since = now;
     }
     receiver->stopped = now - since >= PATIENCE_NS;
-    if (receiver->stopped || !may_wait(now)) break;
-    pthread_mutex_unlock(&lock);
-    nanosleep(&pause, NULL);
-    pthread_mutex_lock(&lock);
-    if (by_the_clock()) late_left -= now_ns() - now;
+    if (receiver->stopped || !may_wait(now, by_the_clock)) break;
+    if (!pause_for(now, by_the_clock)) return;
   }
   if (receiver != NULL) receiver->room = receiver->room > needs ? receiver->room - needs : 0;
-  pthread_mutex_unlock(&lock);
+  free_lock();
 }
 
-static void hold_back(const struct sockaddr *at, socklen_t length, size_t bytes) {
+void flow_control_wait(const struct sockaddr *at, socklen_t length, size_t bytes, bool by_the_clock) {
   if (at == NULL || length < sizeof(struct sockaddr_in) || at->sa_family != AF_INET) return;
   if (bytes > MOST_BYTES) return;
   const struct sockaddr_in *inet = (const struct sockaddr_in *)at;
-  if (ntohl(inet->sin_addr.s_addr) >> 24 != IN_LOOPBACKNET || inet->sin_port == 0) return;
+  if (inet->sin_port == 0) return;
   int before = errno;
-  await_room(inet, bytes);
+  await_room(inet, bytes, by_the_clock);
   errno = before;
 }
 
-__attribute__((visibility("default"))) ssize_t sendmsg(int socket, const struct msghdr *message,
-                                                       int flags) {
+void flow_control_wait_message(const struct msghdr *message, bool by_the_clock) {
+  if (message == NULL) return;
   size_t bytes = 0;
-  for (size_t part = 0; message != NULL && part < message->msg_iovlen; part++)
-    bytes += message->msg_iov[part].iov_len;
-  if (message != NULL) hold_back(message->msg_name, message->msg_namelen, bytes);
-  return syscall(SYS_sendmsg, socket, message, flags);
+  for (size_t part = 0; part < message->msg_iovlen; part++) bytes += message->msg_iov[part].iov_len;
+  flow_control_wait(message->msg_name, message->msg_namelen, bytes, by_the_clock);
 }
 
-__attribute__((visibility("default"))) ssize_t sendto(int socket, const void *data, size_t bytes,
-                                                      int flags, __CONST_SOCKADDR_ARG to,
-                                                      socklen_t length) {
-  const struct sockaddr *at = to.__sockaddr__;
-  hold_back(at, length, bytes);
-  return syscall(SYS_sendto, socket, data, bytes, flags, at, length);
+void flow_control_in_child(void) {
+  free_lock();
+  if (diagnosis >= 0) close(diagnosis);
+  diagnosis = -1;
 }
