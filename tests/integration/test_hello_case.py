@@ -43,6 +43,7 @@ FULL: Json = {
         "qos": {"/a": {"reliability": "bestEffort", "durability": "volatile", "depth": 1}},
         "player": "dds",
         "active": ["/n"],
+        "flow_control": False,
     },
     "playback": {
         "mode": "lockstep", "rate": 2, "wait_for": ["/n"],

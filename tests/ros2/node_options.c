@@ -25,6 +25,7 @@ static const char usage[] =
     "--drop-every N         each Nth message of a topic gets no answer\n"
     "--answers N            each other one gets so many, in place of one\n"
     "--answers-from N       a message of fewer bytes gets none\n"
+    "--answer-bytes N       --relay's answers are so long\n"
     "--renew-every N        after each Nth message a subscription is destroyed and created again\n"
     "--apart-us N           how long it has none in between\n"
     "--renew I:N:US         once, after the Nth message of the Ith --sub, with so long in between\n"
@@ -151,6 +152,7 @@ static void value(const char *option, const char *text) {
   else if (!strcmp(option, "--drop-every")) asked.drop_every = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--answers")) asked.answers = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--answers-from")) asked.answers_from = strtoull(text, NULL, 10);
+  else if (!strcmp(option, "--answer-bytes")) asked.answer_bytes = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--renew-every")) asked.renew_every = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--apart-us")) asked.apart_us = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--renew")) renew_once(text);

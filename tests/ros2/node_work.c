@@ -37,6 +37,19 @@ static uint8_t *begin(uint8_t *bytes) {
   return bytes + HEADER;
 }
 
+/* This text, with points behind it up to the length that was asked for. */
+static void publish_long(struct publisher *into, const char *text, uint32_t length) {
+  uint32_t all = (uint32_t)asked.answer_bytes, before = HEADER + 4;
+  uint8_t *bytes = malloc(all + before);
+  if (bytes == NULL || all <= length) abort();
+  memset(begin(bytes) + 4, '.', all - 1);
+  memcpy(bytes + HEADER, &all, sizeof all);
+  memcpy(bytes + before, text, length);
+  bytes[before + all - 1] = 0;
+  publish(into, bytes, before + all);
+  free(bytes);
+}
+
 static void answer_text(struct subscription *of, uint64_t count) {
   uint8_t bytes[128] = {0};
   char time[32] = "";
@@ -49,7 +62,8 @@ static void answer_text(struct subscription *of, uint64_t count) {
                                        (unsigned long long)hash(&of->message),
                                        (unsigned long long)count, time) + 1;
   memcpy(bytes + HEADER, &length, sizeof length);
-  publish(of->into, bytes, (HEADER + 4 + length + 3) / 4 * 4);
+  if (asked.answer_bytes == 0) publish(of->into, bytes, (HEADER + 4 + length + 3) / 4 * 4);
+  else publish_long(of->into, text, length - 1);
 }
 
 void say(struct publisher *into) {

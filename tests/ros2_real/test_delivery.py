@@ -3,15 +3,20 @@
 import shlex
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from tests import ros2_recording
 from tests.ros2_real.conftest import MESSAGES
 from tests.ros2_real.jobs import LOCKSTEP, NODE, PYTHON, Trial, ledger_of, passed
 from tests.ros2_real.recordings import write_texts
 
 ANSWERS = [{"name": "answers", "presence": {"topic": "/out", "min": MESSAGES}}]
 REENTRANT = ["--ros-args", "-p", "reentrant:=true"]
+# A point cloud's, more than a socket holds on most machines.
+LARGE = 4_000_000
+LARGE_ANSWERS = 20
 EXECUTORS = {
     "single": ["single", "Answering"],
     "multi": ["multi", "Answering", *REENTRANT],
@@ -56,8 +61,9 @@ def test_what_a_queue_overwrites_is_lost_in_the_ledger(trial: Trial) -> None:
     row = trial.run(trial.spec([*NODE, "single", "Answering", *slow], {"mode": "realtime"}))
     sent, received, dropped, strength = ledger_of(row)
     assert (row["outcome"], row["reason"]) != ("passed", None), row
-    # That the callbacks of all that was sent have ended can't be where some were lost.
-    assert (sent, received + dropped, strength) == (MESSAGES, MESSAGES, "taken")
+    assert (sent, received + dropped) == (MESSAGES, MESSAGES)
+    # Whether the last callback has ended when it is looked for is the machine's.
+    assert strength in ("taken", "called")
     # What was called was answered, no more and no less.
     assert received == len(trial.texts(row))
     assert MESSAGES // 8 < received < MESSAGES // 2
@@ -79,6 +85,21 @@ def test_messages_of_a_megabyte_arrive_whole(trial: Trial) -> None:
     assert passed(row), row
     assert ledger_of(row) == (100, 100, 0, "called")
     assert [int(text.split()[0]) for text in trial.texts(row)] == lengths
+
+
+@pytest.mark.parametrize("best_effort", [True, False])
+@pytest.mark.parametrize("playback", [{"mode": "max"}, LOCKSTEP])
+def test_what_a_node_publishes_is_recorded_though_it_is_larger_than_a_socket(
+    trial: Trial, playback: dict[str, Any], best_effort: bool
+) -> None:
+    recording = Path(trial.folders["recordings"]) / "drive.mcap"
+    ros2_recording.write(recording, ["/in"], LARGE_ANSWERS)
+    large = ["-p", f"bytes:={LARGE}", "-p", f"out_best_effort:={str(best_effort).lower()}"]
+    command = [*NODE, "single", "Answering", "--ros-args", *large]
+    row = trial.run(trial.spec(command, playback))
+    assert passed(row), row
+    assert ledger_of(row) == (LARGE_ANSWERS, LARGE_ANSWERS, 0, "called")
+    assert [len(text) for text in trial.texts(row)] == [LARGE] * LARGE_ANSWERS
 
 
 @pytest.mark.parametrize(

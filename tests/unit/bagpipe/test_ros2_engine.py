@@ -72,6 +72,16 @@ def test_hello_has_the_nodes_that_have_to_be_active() -> None:
         assert hello(without)["stack"]["active"] == []
 
 
+def test_hello_has_whether_nodes_wait_for_room_in_sockets() -> None:
+    for wanted in (True, False):
+        case = hello(spec({"ros2": {"flowControl": wanted}}))
+        assert case["stack"]["flow_control"] is wanted
+        assert valid_case(case) == case
+    for without in (spec(), spec({"ros2": {}}), make_spec()):
+        assert hello(without)["stack"]["flow_control"] is True
+    assert refusal({"ros2": {"flowControl": "sometimes"}}).startswith("Input should be a valid boo")
+
+
 @pytest.mark.parametrize(
     ("ros2", "says"),
     [

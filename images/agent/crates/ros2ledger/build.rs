@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::process::{Command, ExitCode};
 
-const SOURCES: [&str; 12] = [
+const SOURCES: [&str; 13] = [
     "addresses.c",
     "attach.c",
     "count.c",
@@ -13,6 +13,7 @@ const SOURCES: [&str; 12] = [
     "next.c",
     "origin.c",
     "rmw.c",
+    "sending.c",
     "slices.c",
     "timer.c",
     "trace.c",
@@ -36,14 +37,22 @@ const FLAGS: [&str; 11] = [
 fn main() -> ExitCode {
     println!("cargo::rerun-if-changed=preload");
     println!("cargo::rerun-if-env-changed=CC");
+    println!("cargo::rerun-if-env-changed=DEP_BAGPIPE_FLOW_CONTROL_FOLDER");
     let compiler = std::env::var_os("CC").unwrap_or_else(|| "cc".into());
     let Some(folder) = std::env::var_os("OUT_DIR").map(PathBuf::from) else {
         eprintln!("OUT_DIR is not set: cargo starts this program");
         return ExitCode::FAILURE;
     };
+    let Some(flow) = std::env::var_os("DEP_BAGPIPE_FLOW_CONTROL_FOLDER").map(PathBuf::from) else {
+        eprintln!("DEP_BAGPIPE_FLOW_CONTROL_FOLDER is not set: bagpipe-flow-control sets it");
+        return ExitCode::FAILURE;
+    };
     let built = Command::new(&compiler)
         .args(FLAGS)
         .args(SOURCES.map(|name| format!("preload/{name}")))
+        .arg(flow.join("flow_control.c"))
+        .arg("-I")
+        .arg(&flow)
         .arg("-o")
         .arg(folder.join("libbagpipe_ros2ledger.so"))
         .arg("-l:libdl.so.2")

@@ -38,6 +38,8 @@ class Ros2(BaseModel):
 
     active: Annotated[list[NodeName], AfterValidator(each_once)] = Field(default=[], max_length=64)
 
+    flow_control: bool = True
+
     @model_validator(mode="after")
     def _states_are_asked_for_by_librcl(self) -> Self:
         if self.active and self.player == "dds":

@@ -1,5 +1,5 @@
 // Answers each message of in on out. What the answer says depends on the message alone, and on
-// simulated time where the node runs on it.
+// simulated time where the node runs on it. It may be as long as a point cloud is, and be sent as such are.
 #include <csignal>
 #include <chrono>
 #include <string>
@@ -22,6 +22,7 @@ public:
     work_ = std::chrono::microseconds(declare_parameter("work_us", 0));
     die_after_ = declare_parameter("die_after", 0);
     prefix_ = declare_parameter("prefix", std::string());
+    bytes_ = declare_parameter("bytes", 0);
     gain_ = declare_parameter("gain", 1.0);
     rclcpp::QoS qos(declare_parameter("depth", 10));
     if (declare_parameter("best_effort", false)) qos.best_effort();
@@ -30,7 +31,9 @@ public:
       group_ = create_callback_group(rclcpp::CallbackGroupType::Reentrant);
       subscription.callback_group = group_;
     }
-    out_ = create_publisher<String>("out", rclcpp::QoS(1000));
+    rclcpp::QoS out(1000);
+    if (declare_parameter("out_best_effort", false)) out.best_effort();
+    out_ = create_publisher<String>("out", out);
     in_ = create_subscription<Imu>(
         "in", qos, [this](const Imu &message) { answer(message); }, subscription);
   }
@@ -46,11 +49,12 @@ private:
                     std::to_string(copy);
       if (get_parameter("use_sim_time").as_bool())
         answer.data += " " + std::to_string(now().nanoseconds());
+      if (answer.data.size() < size_t(bytes_)) answer.data.resize(size_t(bytes_), '.');
       out_->publish(answer);
     }
   }
 
-  int64_t copies_, die_after_, seen_ = 0;
+  int64_t copies_, die_after_, bytes_, seen_ = 0;
   std::chrono::microseconds work_;
   std::string prefix_;
   double gain_;

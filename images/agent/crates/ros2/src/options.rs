@@ -33,6 +33,9 @@ pub struct Ros2Options {
     pub qos: BTreeMap<String, QosOverride>,
     /// Nodes with a life cycle that have to be active before the play, and as long as it lasts.
     pub active: Vec<String>,
+    /// Whether the stack's nodes publish no faster than their messages are taken from sockets
+    /// ([`Ledger::control_flow`]).
+    pub flow_control: bool,
     /// Where packages are installed, for the definitions of recorded types (AMENT_PREFIX_PATH).
     pub prefixes: Vec<PathBuf>,
     /// Until when the player must be there, and each answer of it.

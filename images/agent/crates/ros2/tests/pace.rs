@@ -1,4 +1,4 @@
-//! Who sets a play's pace is known to the player, which by the clock waits for no slow reader.
+//! Who sets a play's pace is known to the player and to the stack's nodes, who by the clock wait for no slow reader.
 #![allow(clippy::unwrap_used)]
 
 mod scene;
@@ -9,6 +9,7 @@ use std::fs::File;
 use std::os::unix::fs::FileExt as _;
 
 use bagpipe_replay::{Mode, Progress, Stage};
+use bagpipe_ros2ledger::Flow;
 use scene::{Ask, DEFAULT, RELAY, Scene, recording};
 
 /// Where the player's memory, of which this process has one at a time, has it (`player/layout.h`).
@@ -27,14 +28,15 @@ fn keeps_to_the_clock() -> u64 {
 }
 
 #[test]
-fn the_player_keeps_to_the_clock_where_the_clock_sets_the_pace() {
-    for (mode, keeps) in [(Mode::Realtime, 1), (Mode::Max, 0), (Mode::Lockstep, 0)] {
+fn the_player_and_the_nodes_keep_to_the_clock_where_the_clock_sets_the_pace() {
+    let by = [(Mode::Realtime, (1, Flow::ByTheClock)), (Mode::Max, (0, Flow::Controlled))];
+    for (mode, keeps) in [&by[..], &[(Mode::Lockstep, (0, Flow::Controlled))]].concat() {
         let scene = Scene::new();
         let _relay = scene.start("standin_node", &RELAY);
         let mut found = None;
         let mut seen = |progress: Progress| {
             if progress.stage == Stage::Play {
-                found = Some(keeps_to_the_clock());
+                found = Some((keeps_to_the_clock(), scene.ledger.flow()));
             }
         };
         scene

@@ -9,6 +9,7 @@
 #include "attach.h"
 #include "list.h"
 #include "matches.h"
+#include "sending.h"
 
 /* Callbacks inside of each other on one thread; beyond, the outermost one's end is lost. */
 #define NESTED 16u
@@ -36,6 +37,7 @@ static __thread struct {
  * own. */
 static void in_child(void) {
   attach_child();
+  sending_in_child();
   memset(&self, 0, sizeof self);
 }
 

@@ -35,6 +35,9 @@ enum ledger_kind { KIND_SUBSCRIPTION = 1, KIND_PUBLISHER = 2 };
  * takes any more; one of which the program shows by itself that it is there. */
 enum ledger_flag { FLAG_CALLS = 1, FLAG_INTRA = 2, FLAG_LATE = 4, FLAG_REPLACED = 8, FLAG_MANUAL = 16 };
 
+/* Whether a node that publishes waits for room in its receivers' sockets, and how long. */
+enum ledger_flow { FLOW_FREE, FLOW_CONTROLLED, FLOW_BY_THE_CLOCK };
+
 struct ledger_header {
   _Atomic uint64_t magic;
   _Atomic uint32_t version;
@@ -49,7 +52,8 @@ struct ledger_header {
   _Atomic uint32_t watch_matches; /* not 0: the number of the watch that asks for matches */
   _Atomic uint32_t listings; /* endpoints that were ever listed, each once it can be read */
   _Atomic uint32_t own_published; /* not 0: one of `own` has published */
-  _Atomic uint32_t reserved_wanted[6];
+  _Atomic uint32_t flow; /* how what nodes publish is held back: an enum ledger_flow */
+  _Atomic uint32_t reserved_wanted[5];
 };
 
 struct ledger_process {

@@ -10,6 +10,7 @@
 #include "list.h"
 #include "matches.h"
 #include "origin.h"
+#include "sending.h"
 #include "slices.h"
 
 #define RMW "librmw_implementation.so"
@@ -148,7 +149,9 @@ PUBLIC int rmw_take_sequence(const void *subscription, size_t count, void *messa
     NEXT_RMW(name)                                                          \
     count_enter();                                                          \
     struct offer offer = count_offer(publisher);                            \
+    sending_begin();                                                        \
     int result = next(publisher, message, allocation);                      \
+    sending_end();                                                          \
     if (count_leave()) count_publish(offer, result == RMW_OK);              \
     return result;                                                          \
   }

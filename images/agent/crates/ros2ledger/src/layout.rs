@@ -52,7 +52,8 @@ pub(crate) struct Header {
     pub(crate) watch_matches: AtomicU32,
     pub(crate) listings: AtomicU32,
     pub(crate) own_published: AtomicU32,
-    pub(crate) reserved_wanted: [AtomicU32; 6],
+    pub(crate) flow: AtomicU32,
+    pub(crate) reserved_wanted: [AtomicU32; 5],
 }
 
 #[repr(C)]
@@ -140,7 +141,7 @@ mod tests {
         let mut all = fields!(Header, "ledger_header", magic: u64, version: u32, processes: u32,
             endpoints: u32, unlisted_processes: u32, unlisted_endpoints: u32, endpoints_used: u32,
             reserved: [u64; 4], changes: u32, wanted: [u32; 6], watch_matches: u32,
-            listings: u32, own_published: u32, reserved_wanted: [u32; 6]);
+            listings: u32, own_published: u32, flow: u32, reserved_wanted: [u32; 5]);
         all.extend(fields!(ProcessEntry, "ledger_process", pid: u32, state: u32, start: u64,
             unlisted_endpoints: u32, spinners: u32, others_started: u64, others_ended: u64,
             stack: u64, machine_timers: u64, reserved_words: [u32; 2]));
@@ -182,6 +183,9 @@ mod tests {
             ("FLAG_LATE", FLAG_LATE.into()),
             ("FLAG_REPLACED", FLAG_REPLACED.into()),
             ("FLAG_MANUAL", FLAG_MANUAL.into()),
+            ("FLOW_FREE", crate::Flow::Free as u64),
+            ("FLOW_CONTROLLED", crate::Flow::Controlled as u64),
+            ("FLOW_BY_THE_CLOCK", crate::Flow::ByTheClock as u64),
             ("EVENT_TAKEN", crate::Event::Taken as u64),
             ("EVENT_STARTED", crate::Event::Started as u64),
             ("EVENT_ENDED", crate::Event::Ended as u64),

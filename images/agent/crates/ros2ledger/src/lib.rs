@@ -31,6 +31,10 @@
 //! says. When what an input set off has come to its end, over several nodes, is
 //! [`Ledger::quiet`]: proved by counts, or a doubt with its reason.
 //!
+//! # Large messages
+//! Loopback throws away what a receiver's socket has no room for. Where the reader asks for it
+//! ([`Ledger::control_flow`]), a node that publishes waits until there is.
+//!
 //! # Nothing in it is trusted
 //! The nodes write this memory, so whatever is read is compared with what can be: no value of it is
 //! an index or a bound, and nothing that a node writes makes a call of this crate panic or last
@@ -47,6 +51,7 @@
 
 mod endpoint;
 mod error;
+mod flow;
 mod layout;
 mod ledger;
 mod library;
@@ -60,6 +65,7 @@ pub use endpoint::{
     Counts, Durability, Endpoint, EndpointId, History, Kind, Presence, Qos, Reliability,
 };
 pub use error::LedgerError;
+pub use flow::Flow;
 pub use ledger::{Ledger, Unlisted};
 pub use library::LIBRARY;
 pub use process::{Process, ProcessId, Strength};

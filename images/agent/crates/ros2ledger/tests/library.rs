@@ -76,6 +76,8 @@ fn it_stands_before_these_functions_and_no_other() {
         "ros_trace_rcl_subscription_init",
         "ros_trace_rclcpp_subscription_callback_added",
         "ros_trace_rclcpp_subscription_init",
+        "sendmsg",
+        "sendto",
     ];
     assert_eq!(found, expected.map(str::to_owned).into());
 }

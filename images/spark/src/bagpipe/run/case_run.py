@@ -308,6 +308,7 @@ def case_map(case: Case, context: RunContext) -> HelloCase:
             "qos": _offered(stack),
             "player": stack.ros2.player if stack.ros2 else "auto",
             "active": stack.ros2.active if stack.ros2 else [],
+            "flow_control": stack.ros2.flow_control if stack.ros2 else True,
             "master": stack.ros1.master if stack.ros1 else "agent",
         },
         "playback": {

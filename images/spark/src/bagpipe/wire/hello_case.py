@@ -121,6 +121,12 @@ class HelloStack(TypedDict):
             list[str], _default([], "In ROS 2: nodes with a life cycle that have to be active.")
         ]
     ]
+    flow_control: NotRequired[
+        Annotated[
+            bool,
+            _default(True, "In ROS 2: whether nodes wait for room in sockets when they publish."),
+        ]
+    ]
     master: NotRequired[
         Annotated[
             Literal["agent", "image"],

@@ -121,6 +121,9 @@ pub struct Stack {
     /// In ROS 2, nodes with a life cycle that have to be active.
     #[serde(default)]
     pub active: Vec<String>,
+    /// In ROS 2, whether nodes wait for room in sockets when they publish.
+    #[serde(default = "yes")]
+    pub flow_control: bool,
     /// In ROS 1, whose master it is.
     #[serde(default)]
     pub master: Master,

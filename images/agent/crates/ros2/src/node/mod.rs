@@ -12,7 +12,7 @@ use std::time::Duration;
 use bagpipe_graph::{
     Audit, GraphError, Node, NodeOptions, PacedBy, Publication, Seen, Sink, TopicInfo,
 };
-use bagpipe_ros2ledger::{Ledger, LedgerError};
+use bagpipe_ros2ledger::{Flow, Ledger, LedgerError};
 use bagpipe_ros2player::{Player, Reliability};
 
 use self::others::Around;
@@ -57,6 +57,7 @@ impl Graph {
         if options.paced_by == PacedBy::Schedule {
             player.keep_to_the_clock();
         }
+        ledger.control_flow(flow(middleware.flow_control, options.paced_by));
         let means = Arc::new(Means {
             player,
             ledger: Arc::clone(ledger),
@@ -98,6 +99,15 @@ impl Graph {
 
     fn wanted(&self) -> MutexGuard<'_, BTreeSet<String>> {
         self.wanted.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// How what the stack's nodes publish goes out.
+fn flow(controlled: bool, paced_by: PacedBy) -> Flow {
+    match paced_by {
+        _ if !controlled => Flow::Free,
+        PacedBy::Schedule => Flow::ByTheClock,
+        PacedBy::Subscribers => Flow::Controlled,
     }
 }
 

@@ -118,6 +118,8 @@ impl Drop for Prefix {
 pub struct Scene {
     pub graph: Graph,
     pub ledger: Arc<Ledger>,
+    /// Whether what its nodes publish waits for room in sockets.
+    pub flow_control: bool,
     prefix: Prefix,
 }
 
@@ -125,7 +127,7 @@ impl Scene {
     pub fn new() -> Scene {
         let ledger = Arc::new(Ledger::new().unwrap());
         ledger.watch_matches(true);
-        Scene { graph: Graph::new(), ledger, prefix: Prefix::new() }
+        Scene { graph: Graph::new(), ledger, flow_control: true, prefix: Prefix::new() }
     }
 
     /// A node that counts in the scene's ledger.
@@ -174,6 +176,7 @@ impl Scene {
             environment: self.graph.environment(),
             qos: BTreeMap::new(),
             active: active.iter().map(|&node| node.to_owned()).collect(),
+            flow_control: self.flow_control,
             prefixes: vec![self.prefix.0.clone()],
             deadline: LONG,
         })

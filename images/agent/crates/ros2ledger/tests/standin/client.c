@@ -374,6 +374,8 @@ static void obey(char **argv, const char *verb, const char *topic, uint64_t n, c
   else if (!strcmp(verb, "pub")) publishers[publisher_count++] = advertise(topic, qos);
   else if (!strcmp(verb, "publish"))
     while (n-- > 0) publish(publisher_on(topic), n, way);
+  else if (!strcmp(verb, "wire")) standin_wire((uint16_t)atoi(topic), n);
+  else if (!strcmp(verb, "send")) standin_send((uint16_t)atoi(topic), n);
   else if (!strcmp(verb, "poison")) publish(publisher_on(topic), UINT64_MAX, way);
   else if (!strcmp(verb, "flood")) {
     flooding = 1;

@@ -3,10 +3,13 @@
 #define _GNU_SOURCE
 #include "rmw.h"
 
+#include <arpa/inet.h>
 #include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/socket.h>
 #include <time.h>
+#include <unistd.h>
 
 #define SYSTEM_DEPTH 5 /* what this middleware gives who leaves it the depth */
 
@@ -114,12 +117,30 @@ int rmw_publisher_count_matched_subscriptions(const void *publisher, size_t *mat
   return 0;
 }
 
+static uint16_t wire_port;
+static size_t wire_bytes;
+
+void standin_wire(uint16_t port, size_t bytes) {
+  wire_port = port;
+  wire_bytes = bytes;
+}
+
+void standin_send(uint16_t port, size_t bytes) {
+  static const char data[65507];
+  struct sockaddr_in at = {.sin_family = AF_INET, .sin_port = htons(port)};
+  at.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  int from = socket(AF_INET, SOCK_DGRAM, 0);
+  if (sendto(from, data, bytes, 0, (struct sockaddr *)&at, sizeof at) < 0) abort();
+  close(from);
+}
+
 /* An odd "poison" number is refused, as a middleware refuses what it can't serialise. */
 int rmw_publish(const void *publisher, const void *message, void *allocation) {
   (void)allocation;
   const struct endpoint *from = publisher;
   uint64_t number = *(const uint64_t *)message;
   if (number == UINT64_MAX) return 1;
+  if (wire_bytes > 0) standin_send(wire_port, wire_bytes);
   pthread_mutex_lock(&lock);
   for (struct endpoint *to = subscriptions; to != NULL; to = to->next) {
     if (strcmp(to->topic, from->topic) != 0) continue;

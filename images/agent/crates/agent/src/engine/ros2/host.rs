@@ -19,7 +19,7 @@ use crate::case::{self, Case};
 use crate::engine::nodes::host::{ChosenPlayer, Ending, Host, Occasion, PlayerName};
 use crate::engine::ros2::domain::{DOMAINS, Domain, cyclone};
 use crate::engine::ros2::files::Files;
-use crate::engine::ros2::players::Players;
+use crate::engine::ros2::players::{Players, Wanted};
 use crate::engine::ros2::{environment, parameters, roll, zenoh};
 use crate::engine::task::Task;
 use crate::stack::Variables;
@@ -163,11 +163,15 @@ impl Host for Ros2Host<'_> {
     }
 
     fn meet(&self, occasion: &Occasion<'_>) -> Result<Arc<dyn Middleware>, Failure> {
+        let wanted = Wanted {
+            qos: self.qos(),
+            active: self.case.stack.active.clone(),
+            flow_control: self.case.stack.flow_control,
+        };
         let mut players = Players::new(
             Arc::clone(&self.ledger),
             self.files.clone(),
-            self.qos(),
-            self.case.stack.active.clone(),
+            wanted,
             (self.own_variables(), self.folder.clone()),
         );
         let ros2 = players.choose(self.case.stack.player, occasion);

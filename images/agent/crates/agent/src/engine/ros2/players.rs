@@ -23,13 +23,20 @@ const DEADLINE: Duration = Duration::from_secs(20);
 const LOOK: Duration = Duration::from_millis(50);
 const BY_JOB: &str = "the job asks for it";
 
+/// What the job asks of a player.
+pub struct Wanted {
+    pub qos: BTreeMap<String, QosOverride>,
+    /// Nodes whose state is asked for.
+    pub active: Vec<String>,
+    /// Whether the stack's nodes wait for room in sockets when they publish.
+    pub flow_control: bool,
+}
+
 /// What starts players.
 pub struct Players {
     ledger: Arc<Ledger>,
     files: Files,
-    qos: BTreeMap<String, QosOverride>,
-    /// Nodes whose state is asked for.
-    active: Vec<String>,
+    wanted: Wanted,
     /// Of a player that no node gives any.
     variables: Variables,
     /// Where what a player reads is written.
@@ -45,15 +52,13 @@ impl Players {
     pub fn new(
         ledger: Arc<Ledger>,
         files: Files,
-        qos: BTreeMap<String, QosOverride>,
-        active: Vec<String>,
+        wanted: Wanted,
         (variables, folder): (Variables, PathBuf),
     ) -> Players {
         Players {
             ledger,
             files,
-            qos,
-            active,
+            wanted,
             variables,
             folder,
             pids: Vec::new(),
@@ -146,8 +151,9 @@ impl Players {
             program,
             prefixes: prefixes(&variables),
             environment: variables,
-            qos: self.qos.clone(),
-            active: self.active.clone(),
+            qos: self.wanted.qos.clone(),
+            active: self.wanted.active.clone(),
+            flow_control: self.wanted.flow_control,
             deadline: DEADLINE,
         })?;
         self.pids.push(ros2.pid());
@@ -161,11 +167,11 @@ impl Players {
         started: Result<Ros2, PlayerError>,
     ) -> Result<Ros2, Failure> {
         let ros2 = started.map_err(|error| Failure::new("Ros2Failed", error.to_string()))?;
-        if name == PlayerName::Dds && !self.active.is_empty() {
+        if name == PlayerName::Dds && !self.wanted.active.is_empty() {
             let why = format!(
                 "stack.ros2.active names {}, whose state the image's librcl alone can ask for, and \
                  it is played on DDS: {why}",
-                self.active.join(", ")
+                self.wanted.active.join(", ")
             );
             return Err(Failure::new("Ros2Failed", why));
         }
