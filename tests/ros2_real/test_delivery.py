@@ -17,6 +17,8 @@ REENTRANT = ["--ros-args", "-p", "reentrant:=true"]
 # A point cloud's, more than a socket holds on most machines.
 LARGE = 4_000_000
 LARGE_ANSWERS = 20
+# Who publishes by it waits for room in sockets.
+HELD_BACK = "rmw_cyclonedds_cpp"
 EXECUTORS = {
     "single": ["single", "Answering"],
     "multi": ["multi", "Answering", *REENTRANT],
@@ -96,7 +98,12 @@ def test_what_a_node_publishes_is_recorded_though_it_is_larger_than_a_socket(
     ros2_recording.write(recording, ["/in"], LARGE_ANSWERS)
     large = ["-p", f"bytes:={LARGE}", "-p", f"out_best_effort:={str(best_effort).lower()}"]
     command = [*NODE, "single", "Answering", "--ros-args", *large]
+    if best_effort and playback == LOCKSTEP and trial.rmw != HELD_BACK:
+        pytest.skip("an answer that does not come is waited for in each step")
     row = trial.run(trial.spec(command, playback))
+    if best_effort and trial.rmw != HELD_BACK and not passed(row):
+        assert row["reason"] == "RecordingIncomplete", row
+        return
     assert passed(row), row
     assert ledger_of(row) == (LARGE_ANSWERS, LARGE_ANSWERS, 0, "called")
     assert [len(text) for text in trial.texts(row)] == [LARGE] * LARGE_ANSWERS

@@ -131,6 +131,7 @@ def test_a_case_s_stack_reaches_the_agent(tmp_path: Path) -> None:
         "master": "agent",
         "player": "auto",
         "active": [],
+        "flow_control": True,
         "qos": {},
     }
     assert dataclasses.asdict(tuned.conditions)["values"] == {"threshold": 0.6, "rain": "on"}

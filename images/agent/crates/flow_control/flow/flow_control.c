@@ -15,19 +15,23 @@
 #include <stdatomic.h>
 #include <stdint.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <sys/syscall.h>
 #include <time.h>
 #include <unistd.h>
 
-#define RECEIVERS 512u /* more are not held back; a power of two */
+#define RECEIVERS 512u /* that are known at a time; a power of two */
 #define PAUSE_NS 50000
 #define TRIES 200 /* a pause each, for who has the lock */
+#define CREDIT_PART 16 /* of the buffer: so much is sent before the kernel is asked again, as others send too */
 /* So long nothing is taken by who has stopped; who gets no processor for a while, or reads slowly, has
  * not: what was read the kernel (udp_rmem_release) shows in quarters of the buffer. */
 #define PATIENCE_NS 1000000000
-/* By the clock what is due next waits as well: so long at most, and no more than a part of the time. */
+/* By the clock what is due next waits as well: so long at most, and no more than a part of the time, and
+ * for who has stopped not as long as others need it. */
 #define LATE_NS 20000000
 #define LATE_PART 4
+#define LATE_PATIENCE_NS 200000000
 /* Bytes that are sent to who is not found before it is looked for again. */
 #define UNKNOWN 1000000
 #define MOST_BYTES 65507 /* of a datagram */
@@ -36,6 +40,7 @@ struct receiver {
   struct sockaddr_in at; /* sin_port 0: a free place */
   int64_t room;          /* as the kernel counts it, before it is asked again */
   uint32_t waiting;      /* when it was asked last */
+  int64_t full_since;    /* since when it was seen to read nothing; 0: it has room, or reads */
   bool foreign;          /* another machine's, which nothing is known of */
   bool stopped;          /* it took nothing for so long, and is not waited for until it does */
 };
@@ -48,17 +53,18 @@ struct load {
 static atomic_flag lock = ATOMIC_FLAG_INIT; /* old C libraries have pthread_mutex_trylock elsewhere */
 static struct receiver receivers[RECEIVERS];
 static int diagnosis = -1; /* a socket of sock_diag */
+static ino_t diagnosis_inode;
 static int64_t late_left = LATE_NS, late_at; /* how long may be waited by the clock, and since when */
 
 static const struct timespec A_PAUSE = {0, PAUSE_NS};
 
-/* Whoever has it may be what this signal has interrupted: then nobody is held back. */
-static bool take_lock(void) {
+/* Whoever has it for long may be what this signal has interrupted, or a thread that was cancelled: it is
+ * taken from there. No address is out of bounds whoever else is inside. */
+static void take_lock(void) {
   for (int tries = 0; tries < TRIES; tries++) {
-    if (!atomic_flag_test_and_set_explicit(&lock, memory_order_acquire)) return true;
+    if (!atomic_flag_test_and_set_explicit(&lock, memory_order_acquire)) return;
     nanosleep(&A_PAUSE, NULL);
   }
-  return false;
 }
 
 static void free_lock(void) { atomic_flag_clear_explicit(&lock, memory_order_release); }
@@ -87,11 +93,11 @@ static bool is_own(struct in_addr address) {
   if (trial < 0) return false;
   struct sockaddr_in any_port = {.sin_family = AF_INET, .sin_addr = address};
   bool own = bind(trial, (struct sockaddr *)&any_port, sizeof any_port) == 0;
-  close(trial);
+  syscall(SYS_close, trial); /* none of the C library's, by which a thread may be cancelled */
   return own;
 }
 
-static struct receiver *find(const struct sockaddr_in *at) {
+static struct receiver *find_in_table(const struct sockaddr_in *at) {
   uint32_t first = ntohs(at->sin_port) * 31u + ntohl(at->sin_addr.s_addr);
   for (uint32_t probe = 0; probe < RECEIVERS; probe++) {
     struct receiver *one = &receivers[(first + probe) % RECEIVERS];
@@ -103,6 +109,14 @@ static struct receiver *find(const struct sockaddr_in *at) {
       return one;
   }
   return NULL;
+}
+
+/* Receivers come and go: when the table is full all are forgotten. */
+static struct receiver *find(const struct sockaddr_in *at) {
+  struct receiver *found = find_in_table(at);
+  if (found != NULL) return found;
+  memset(receivers, 0, sizeof receivers);
+  return find_in_table(at);
 }
 
 static bool read_load(const struct nlmsghdr *header, struct load *into) {
@@ -127,18 +141,35 @@ static bool read_load(const struct nlmsghdr *header, struct load *into) {
 static bool read_answer(uint32_t number, struct load *into) {
   for (;;) {
     _Alignas(struct nlmsghdr) char answer[1024];
-    ssize_t length = recv(diagnosis, answer, sizeof answer, MSG_DONTWAIT);
+    ssize_t length =
+        syscall(SYS_recvfrom, diagnosis, answer, sizeof answer, MSG_DONTWAIT, NULL, NULL);
     const struct nlmsghdr *header = (const struct nlmsghdr *)answer;
     if (length < 0 || !NLMSG_OK(header, (size_t)length)) return false;
     if (header->nlmsg_seq == number) return read_load(header, into);
   }
 }
 
+/* The program may have closed what it did not open, and have another file of that number by now: to
+ * that nothing is written. Old C libraries have no fstat but by another name. */
+static bool is_open(void) {
+  struct stat is;
+  return diagnosis >= 0 && syscall(SYS_fstat, diagnosis, &is) == 0 && is.st_ino == diagnosis_inode &&
+         S_ISSOCK(is.st_mode);
+}
+
+static bool can_ask(void) {
+  if (is_open()) return true;
+  struct stat is;
+  diagnosis = socket(AF_NETLINK, SOCK_RAW | SOCK_CLOEXEC, NETLINK_SOCK_DIAG);
+  if (diagnosis < 0 || syscall(SYS_fstat, diagnosis, &is) != 0) return false;
+  diagnosis_inode = is.st_ino;
+  return true;
+}
+
 /* False where no such socket is found, or the kernel does not answer. */
 static bool ask(const struct sockaddr_in *at, struct load *into) {
   static uint32_t number;
-  if (diagnosis < 0) diagnosis = socket(AF_NETLINK, SOCK_RAW | SOCK_CLOEXEC, NETLINK_SOCK_DIAG);
-  if (diagnosis < 0) return false;
+  if (!can_ask()) return false;
   struct {
     struct nlmsghdr header;
     struct inet_diag_req_v2 wanted;
@@ -155,29 +186,31 @@ static bool ask(const struct sockaddr_in *at, struct load *into) {
   question.wanted.id.idiag_dport = at->sin_port;
   question.wanted.id.idiag_dst[0] = at->sin_addr.s_addr;
   memset(question.wanted.id.idiag_cookie, 0xff, sizeof question.wanted.id.idiag_cookie);
-  /* Of a socket that others have closed, the number may be another's by now. */
   struct sockaddr_nl kernel = {.nl_family = AF_NETLINK};
   ssize_t went = syscall(SYS_sendto, diagnosis, &question, sizeof question, MSG_DONTWAIT, &kernel,
                          sizeof kernel);
-  if (went != sizeof question) {
-    if (errno != EAGAIN && errno != ENOBUFS && errno != ENOMEM) diagnosis = -1;
-    return false;
-  }
-  return read_answer(number, into);
+  return went == sizeof question && read_answer(number, into);
 }
 
-/* Whether so much may go out now; half of the room is left to what others send. A quarter may wait where
- * a datagram needs more: kernels of 2019 count that of a socket that is empty. */
-static bool has_room(struct receiver *receiver, int64_t needs, struct load *load) {
+/* Whether so much may go out now; half of the room is left to what others send, who ask as well before
+ * they send much. A quarter may wait where a datagram needs more: kernels of 2019 count that of a socket
+ * that is empty. */
+static bool has_room(struct receiver *receiver, int64_t needs) {
   if (receiver->room >= needs) return true;
-  if (!ask(&receiver->at, load)) {
+  struct load load;
+  if (!ask(&receiver->at, &load)) {
     receiver->room = UNKNOWN;
     return true;
   }
-  receiver->room = (int64_t)load->most / 2 - load->waiting;
-  bool room = load->waiting <= load->most / 4 || receiver->room >= needs;
-  if (room || load->waiting < receiver->waiting) receiver->stopped = false;
-  receiver->waiting = load->waiting;
+  int64_t free = (int64_t)load.most / 2 - load.waiting, credit = load.most / CREDIT_PART;
+  if (credit < needs) credit = needs;
+  receiver->room = free < credit ? free : credit;
+  bool room = load.waiting <= load.most / 4 || free >= needs;
+  if (room || load.waiting < receiver->waiting) {
+    receiver->stopped = false;
+    receiver->full_since = 0;
+  }
+  receiver->waiting = load.waiting;
   return room;
 }
 
@@ -190,31 +223,21 @@ static bool may_wait(int64_t now, bool by_the_clock) {
   return late_left > 0;
 }
 
-/* Pauses with the lock free; false where it could not be had again. */
-static bool pause_for(int64_t since, bool by_the_clock) {
-  free_lock();
-  nanosleep(&A_PAUSE, NULL);
-  if (!take_lock()) return false;
-  if (by_the_clock) late_left -= now_ns() - since;
-  return true;
-}
-
 static void await_room(const struct sockaddr_in *at, size_t bytes, bool by_the_clock) {
-  int64_t needs = charge(bytes), since = 0;
-  uint32_t least = UINT32_MAX;
-  struct load load = {0, 0};
-  if (!take_lock()) return;
+  int64_t needs = charge(bytes), patience = by_the_clock ? LATE_PATIENCE_NS : PATIENCE_NS;
+  take_lock();
   struct receiver *receiver = find(at);
   if (receiver != NULL && receiver->foreign) receiver = NULL;
-  while (receiver != NULL && !has_room(receiver, needs, &load) && !receiver->stopped) {
+  while (receiver != NULL && !has_room(receiver, needs) && !receiver->stopped) {
     int64_t now = now_ns();
-    if (load.waiting < least) {
-      least = load.waiting;
-      since = now;
-    }
-    receiver->stopped = now - since >= PATIENCE_NS;
+    if (receiver->full_since == 0) receiver->full_since = now;
+    receiver->stopped = now - receiver->full_since >= patience;
     if (receiver->stopped || !may_wait(now, by_the_clock)) break;
-    if (!pause_for(now, by_the_clock)) return;
+    free_lock();
+    nanosleep(&A_PAUSE, NULL);
+    take_lock();
+    if (by_the_clock) late_left -= now_ns() - now;
+    receiver = find(at); /* the table may have been forgotten meanwhile */
   }
   if (receiver != NULL) receiver->room = receiver->room > needs ? receiver->room - needs : 0;
   free_lock();
@@ -239,6 +262,5 @@ void flow_control_wait_message(const struct msghdr *message, bool by_the_clock) 
 
 void flow_control_in_child(void) {
   free_lock();
-  if (diagnosis >= 0) close(diagnosis);
-  diagnosis = -1;
+  diagnosis = -1; /* its number may be another file's by now, and is not closed */
 }

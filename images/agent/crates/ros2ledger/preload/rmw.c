@@ -149,7 +149,7 @@ PUBLIC int rmw_take_sequence(const void *subscription, size_t count, void *messa
     NEXT_RMW(name)                                                          \
     count_enter();                                                          \
     struct offer offer = count_offer(publisher);                            \
-    sending_begin();                                                        \
+    sending_begin(publisher);                                               \
     int result = next(publisher, message, allocation);                      \
     sending_end();                                                          \
     if (count_leave()) count_publish(offer, result == RMW_OK);              \

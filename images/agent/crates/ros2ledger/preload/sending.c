@@ -4,27 +4,42 @@
 #include "sending.h"
 
 #include <errno.h>
+#include <string.h>
 #include <sys/socket.h>
 
 #include "attach.h"
 #include "flow_control.h"
 #include "interpose.h"
 
-static __thread uint32_t publishing __attribute__((tls_model("initial-exec")));
+/* Fast DDS holds what its threads that receive need while it sends: two nodes that wait for each other's
+ * sockets would wait until one gives up. It has shared memory for large messages. */
+#define HELD_BACK "rmw_cyclonedds_cpp"
 
-void sending_begin(void) { publishing++; }
+/* Calls that publish, one inside of the other; how many of them are of a middleware that is held back. */
+static __thread struct {
+  uint32_t all, held;
+} publishing __attribute__((tls_model("initial-exec")));
+
+void sending_begin(const struct endpoint_head *publisher) {
+  const char *is = publisher == NULL ? NULL : publisher->implementation;
+  publishing.all++;
+  if (publishing.held > 0 || (is != NULL && strcmp(is, HELD_BACK) == 0)) publishing.held++;
+}
+
 /* 0 already: a child began inside of its parent's call. */
 void sending_end(void) {
-  if (publishing > 0) publishing--;
+  if (publishing.all > 0) publishing.all--;
+  if (publishing.held > publishing.all) publishing.held = publishing.all;
 }
+
 void sending_in_child(void) {
-  publishing = 0;
+  publishing.all = publishing.held = 0;
   flow_control_in_child();
 }
 
 static enum ledger_flow asked(void) {
   uint32_t entry;
-  struct ledger *ledger = publishing > 0 ? attached(&entry) : NULL;
+  struct ledger *ledger = publishing.held > 0 ? attached(&entry) : NULL;
   return ledger == NULL ? FLOW_FREE : (enum ledger_flow)atomic_load(&ledger->header.flow);
 }
 

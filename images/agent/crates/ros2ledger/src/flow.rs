@@ -4,8 +4,8 @@ use std::sync::atomic::Ordering::SeqCst;
 
 use crate::Ledger;
 
-/// How what the nodes publish goes out over loopback, which throws away what a socket has no room for: of a
-/// message that is larger than its reader's socket some always, if nobody waits.
+/// How what the nodes publish goes out within one machine, where the kernel throws away what a socket has no
+/// room for: of a message that is larger than its reader's socket some always, if nobody waits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Flow {
@@ -19,8 +19,9 @@ pub enum Flow {
 }
 
 impl Ledger {
-    /// How what is published goes out from now on. It concerns what is sent within `rmw_publish` to sockets of
-    /// IPv4's loopback, not repetitions nor what threads of the middleware send.
+    /// How what is published goes out from now on. It concerns what is sent within `rmw_publish` of Cyclone DDS to
+    /// the machine's own addresses (IPv4), not repetitions nor what threads of the middleware send. Fast DDS holds
+    /// what its threads that receive need while it sends, so that two nodes would wait for each other.
     pub fn control_flow(&self, flow: Flow) {
         self.memory.header.flow.store(flow as u32, SeqCst);
     }

@@ -32,8 +32,8 @@
 //! [`Ledger::quiet`]: proved by counts, or a doubt with its reason.
 //!
 //! # Large messages
-//! Loopback throws away what a receiver's socket has no room for. Where the reader asks for it
-//! ([`Ledger::control_flow`]), a node that publishes waits until there is.
+//! The kernel throws away what a receiver's socket has no room for. Where the reader asks for it
+//! ([`Ledger::control_flow`]), a node that publishes over Cyclone DDS waits until there is.
 //!
 //! # Nothing in it is trusted
 //! The nodes write this memory, so whatever is read is compared with what can be: no value of it is

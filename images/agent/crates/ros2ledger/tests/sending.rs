@@ -13,7 +13,8 @@ use standin::{Client, Node};
 /// More than half of what a socket holds on most machines.
 const LARGE: usize = 60_000;
 
-/// A node that sends what it publishes to a socket as well, which nobody has read yet.
+/// A node that sends what it publishes to a socket as well, which nobody has read yet: /far as Cyclone DDS
+/// does, and /other as another middleware.
 struct Scene {
     ledger: Ledger,
     node: Node,
@@ -27,7 +28,7 @@ impl Scene {
         let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
         socket.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
         let wire = format!("wire {} {LARGE}", socket.local_addr().unwrap().port());
-        node.obey(&["pub /far 10", "sub /child 10", &wire]);
+        node.obey(&["pub /other 10", &wire, "pub /far 10", "sub /child 10"]);
         Scene { ledger, node, socket }
     }
 
@@ -72,6 +73,14 @@ fn it_goes_out_at_once_where_nobody_asks_for_more() {
     scene.ledger.control_flow(Flow::Controlled);
     scene.ledger.control_flow(Flow::Free);
     scene.node.obey(&["publish /far 100"]);
+    assert!(!scene.has_asked());
+}
+
+#[test]
+fn of_another_middleware_it_goes_out_at_once() {
+    let mut scene = Scene::new(Client::Rclcpp);
+    scene.ledger.control_flow(Flow::Controlled);
+    scene.node.obey(&["publish /other 100"]);
     assert!(!scene.has_asked());
 }
 

@@ -27,6 +27,14 @@ static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
 static pthread_cond_t arrived = PTHREAD_COND_INITIALIZER;
 static struct endpoint *subscriptions, *publishers;
 
+static uint16_t wire_port;
+static size_t wire_bytes;
+
+void standin_wire(uint16_t port, size_t bytes) {
+  wire_port = port;
+  wire_bytes = bytes;
+}
+
 static void enter(struct endpoint **list, struct endpoint *made) {
   pthread_mutex_lock(&lock);
   made->next = *list;
@@ -68,6 +76,7 @@ void *rmw_create_publisher(const void *node, const void *type, const char *topic
                            const struct qos *qos, const void *options) {
   (void)node, (void)type, (void)options;
   struct endpoint *made = make(topic, qos);
+  if (wire_bytes > 0) made->implementation = "rmw_cyclonedds_cpp";
   enter(&publishers, made);
   return made;
 }
@@ -115,14 +124,6 @@ int rmw_subscription_count_matched_publishers(const void *subscription, size_t *
 int rmw_publisher_count_matched_subscriptions(const void *publisher, size_t *matched) {
   *matched = on_topic(subscriptions, ((const struct endpoint *)publisher)->topic);
   return 0;
-}
-
-static uint16_t wire_port;
-static size_t wire_bytes;
-
-void standin_wire(uint16_t port, size_t bytes) {
-  wire_port = port;
-  wire_bytes = bytes;
 }
 
 void standin_send(uint16_t port, size_t bytes) {

@@ -77,8 +77,8 @@ int rmw_destroy_guard_condition(struct guard *guard);
 
 /* What only the stand-in has: a wait until somebody is at the other end, what a queue overwrote
  * (0 where the middleware does not say), what waits in it, and by what a message's publisher is known. And,
- * over memory alone: what is published goes to a port of loopback as well, in a datagram of so many bytes;
- * and one such datagram that is no message. */
+ * over memory alone: what is published goes to a port of loopback as well, in a datagram of so many bytes, and
+ * publishers that are made from then on are Cyclone DDS'; and one such datagram that is no message. */
 void standin_match(const void *endpoint, bool subscription);
 uint64_t standin_overwritten(const void *subscription);
 uint64_t standin_waiting(const void *subscription);

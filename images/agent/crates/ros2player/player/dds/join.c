@@ -1,9 +1,11 @@
 /* Joins a domain as a participant, on loopback alone, and leaves it. */
 #define _GNU_SOURCE
+#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 
 #include "participant.h"
+#include "sending.h"
 
 /* Whom it looks for: nodes that ROS 2 keeps on this machine listen at one of these ports of each
  * domain, and some (Humble's over Cyclone DDS) for multicast alone. */
@@ -46,6 +48,7 @@ static dds_entity_t make_domain(int number) {
 }
 
 bool middleware_join(const char *name, const char *space, struct answer *into) {
+  atomic_store(&holds_back, true);
   int domain = domain_number();
   if (domain < 0) {
     answer_failed(into, STATUS_REQUEST, "ROS_DOMAIN_ID is no number from 0 to 232");

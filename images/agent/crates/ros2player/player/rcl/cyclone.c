@@ -6,6 +6,7 @@
 
 #include "layout.h"
 #include "rcl.h"
+#include "sending.h"
 
 typedef int32_t entity; /* negative: an error */
 typedef entity create_writer(entity parent, entity topic, const void *qos, const void *listener);
@@ -54,6 +55,7 @@ __attribute__((visibility("default"))) entity dds_create_writer(entity parent, e
                                                                 const void *qos,
                                                                 const void *listener) {
   create_writer *create = find_create(__builtin_return_address(0));
+  atomic_store(&holds_back, true);
   if (create == NULL) return FAILED;
   if (!making) return create(parent, topic, qos, listener);
   set_batch *batch = find_rest(create);
