@@ -14,8 +14,14 @@ __asm__(".symver dlsym, dlsym@GLIBC_2.17\n.symver dlopen, dlopen@GLIBC_2.17");
 #endif
 
 /* Its handle is never closed: whoever loaded it may, and what is found in it is kept. */
-void *next_function(const char *name, const char *library) {
+static void *find_in(const char *library, const char *name) {
   void *loaded = dlopen(library, RTLD_NOLOAD | RTLD_LAZY);
-  void *found = dlsym(RTLD_NEXT, name);
-  return found != NULL || loaded == NULL ? found : dlsym(loaded, name);
+  return loaded == NULL ? NULL : dlsym(loaded, name);
+}
+
+void *next_function(const char *name, const char *library) {
+  void *local = find_in(library, name), *found = dlsym(RTLD_NEXT, name);
+  if (found != NULL) return found;
+  /* A ROS 2 that was built for one middleware has no librmw_implementation.so: librcl is linked to that. */
+  return local != NULL ? local : find_in("librcl.so", name);
 }

@@ -2,5 +2,5 @@
 #pragma once
 
 /* Looks in the libraries after this one, then in `library` where it is loaded (Python loads ROS for
- * itself alone). NULL where neither has the name. */
+ * itself alone), then in librcl and what that is linked to. NULL where none has the name. */
 void *next_function(const char *name, const char *library);

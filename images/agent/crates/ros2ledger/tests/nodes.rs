@@ -13,7 +13,7 @@ use bagpipe_ros2ledger::{
     Strength, Unlisted, Waited,
 };
 use rustix::fs::{MemfdFlags, memfd_create};
-use standin::{Client, Node, built};
+use standin::{Client, Middleware, Node, built, built_over};
 
 /// The only subscription on a topic.
 fn subscription(ledger: &Ledger, topic: &str) -> Endpoint {
@@ -52,6 +52,18 @@ fn what_is_taken_is_called_and_what_a_queue_overwrote_is_neither() {
         assert_eq!(publisher(&ledger, "/scan").counts.published - counts.taken, own.overwritten);
         // What the library stands before is called all the same: 3 at the start, 2 for each call.
         assert_eq!(own.traced, 3 + 2 * 10);
+    }
+}
+
+#[test]
+fn a_ros_2_that_was_built_for_one_middleware_is_counted_as_any() {
+    for client in [Client::Rclcpp, Client::Component, Client::Rclpy] {
+        let (ledger, folder) = (Ledger::new().unwrap(), built_over(Middleware::Only));
+        let mut node =
+            Node::in_folder(folder, client, &ledger.environment(&folder.join("ledger.so"), None));
+        node.obey(&["sub /scan 10", "pub /scan 10", "publish /scan 7", "spin / 1"]);
+        let counts = subscription(&ledger, "/scan").counts;
+        assert_eq!((counts.taken, publisher(&ledger, "/scan").counts.published), (7, 7));
     }
 }
 

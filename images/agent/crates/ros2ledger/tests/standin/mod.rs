@@ -33,6 +33,9 @@ pub enum Middleware {
     Cyclone,
     /// None: waits go by a script, and by a clock that only waits move.
     Script,
+    /// The memory of one process, of a ROS 2 that was built for one middleware: there is no
+    /// librmw_implementation.so, and librcl is linked to that middleware.
+    Only,
 }
 
 /// Where the programs over memory are.
@@ -42,7 +45,7 @@ pub fn built() -> &'static Path {
 
 /// Where the programs are: built when a source differs, in a folder that appears as a whole.
 pub fn built_over(middleware: Middleware) -> &'static Path {
-    static FOLDERS: [OnceLock<PathBuf>; 3] = [const { OnceLock::new() }; 3];
+    static FOLDERS: [OnceLock<PathBuf>; 4] = [const { OnceLock::new() }; 4];
     FOLDERS[middleware as usize].get_or_init(|| {
         let parent = option_env!("CARGO_TARGET_TMPDIR").map_or_else(std::env::temp_dir, Into::into);
         let folder = parent.join(format!("ros2-standin-{middleware:?}-{:016x}", digest()));
@@ -84,15 +87,18 @@ fn build(folder: &Path, middleware: Middleware) {
         compile(folder, "librmw_implementation.so", "script.c", &library);
         return compile(folder, "node", "waiter.c", &["-lrmw_implementation"]);
     }
-    let (source, with) = match middleware {
-        Middleware::Memory | Middleware::Script => ("rmw.c", &[][..]),
-        Middleware::Cyclone => ("rmw_dds.c", &["-lddsc"][..]),
+    let (made, source, with) = match middleware {
+        Middleware::Memory | Middleware::Script => ("rmw_implementation", "rmw.c", &[][..]),
+        Middleware::Cyclone => ("rmw_implementation", "rmw_dds.c", &["-lddsc"][..]),
+        Middleware::Only => ("rmw_standin", "rmw.c", &[][..]),
     };
-    compile(folder, "librmw_implementation.so", source, &[&library[..], with].concat());
+    let file = format!("lib{made}.so");
+    compile(folder, &file, source, &[&library[..], with].concat());
     compile(folder, "libtracetools.so", "tracetools.c", &library);
-    compile(folder, "librcl.so", "rcl.c", &library);
-    let rmw = ["-lrmw_implementation", "-lrcl"];
-    let both = ["-lrmw_implementation", "-lrcl", "-ltracetools"];
+    let its = format!("-l{made}");
+    compile(folder, "librcl.so", "rcl.c", &[&library[..], &["-Wl,--no-as-needed", &its]].concat());
+    let rmw = [&its[..], "-lrcl"];
+    let both = [&its[..], "-lrcl", "-ltracetools"];
     compile(folder, "node", "client.c", &both);
     compile(folder, "component.so", "client.c", &[&library[..], &both].concat());
     let without = [&library[..], &["-DWITHOUT_TRACEPOINTS"], &rmw].concat();

@@ -25,8 +25,8 @@ const char *rcl_load(bool *symbol) {
 }
 
 void *rcl_rmw_function(const char *symbol) {
-  /* librcl has loaded it. */
-  void *library = dlopen("librmw_implementation.so", RTLD_NOW | RTLD_NOLOAD);
+  /* librcl is linked to what has it: librmw_implementation.so, or the one middleware that it was built for. */
+  void *library = dlopen("librcl.so", RTLD_NOW | RTLD_NOLOAD);
   void *found = library == NULL ? NULL : dlsym(library, symbol);
   if (library != NULL) dlclose(library);
   return found;

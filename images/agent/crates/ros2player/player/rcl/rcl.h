@@ -125,7 +125,7 @@ extern struct rcl rcl;
  * name of a function, and not the loader's words. */
 const char *rcl_load(bool *symbol);
 
-/* A function of the middleware's, of librmw_implementation.so; NULL if it has none. */
+/* A function of the middleware's; NULL if it has none of the name. */
 void *rcl_rmw_function(const char *symbol);
 
 /* The handle of a message type; NULL with an answer if its library is not there, or lacks it. */
