@@ -38,6 +38,7 @@ mod succession;
 mod taken;
 mod topic;
 mod undetermined;
+mod unmet;
 mod unnamed;
 
 pub use middleware::Ros2;

@@ -24,6 +24,7 @@ use crate::seen::{all_count, namesakes, people_who_publish};
 use crate::stillness::Stillness;
 use crate::topic::{Means, Topic};
 use crate::undetermined::Undetermined;
+use crate::unmet::Unmet;
 use crate::{QosOverride, Ros2Options, qos};
 
 /// A node of ours: the player's, with what the ledger says of the others.
@@ -39,6 +40,7 @@ pub(crate) struct Graph {
     wanted: Mutex<BTreeSet<String>>,
     stillness: Stillness,
     undetermined: Undetermined,
+    unmet: Unmet,
     /// Whether what was published did once not come to us.
     lacked: AtomicBool,
     /// Whether every node counted and did its work at the last look.
@@ -84,6 +86,7 @@ impl Graph {
             wanted: Mutex::default(),
             stillness: Stillness::default(),
             undetermined: Undetermined::default(),
+            unmet: Unmet::default(),
             lacked: AtomicBool::new(false),
             all_spin: AtomicBool::new(false),
         })
@@ -185,6 +188,7 @@ impl Node for Graph {
     fn begin(&self) -> Vec<String> {
         // A ledger that can't be read fails the next look.
         let _ = self.undetermined.begin(self.ledger());
+        self.begin_without_unmet();
         self.inputs.lives.hold()
     }
 
@@ -245,7 +249,7 @@ impl Node for Graph {
                 due.iter().for_each(|(input, _)| self.compare_types(input, &nodes, &endpoints));
             }
         }
-        let mut lacking = Vec::new();
+        let mut lacking = self.unmet();
         lacking.extend(self.inputs.failure());
         // Who came behind the last message has got those that are kept.
         lacking.extend(self.topics().iter().filter_map(|topic| topic.misread().map(str::to_owned)));

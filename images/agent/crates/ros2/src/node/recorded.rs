@@ -150,6 +150,26 @@ impl Graph {
         known.is_ok_and(|known| known >= there.len() as u64)
     }
 
+    /// Takes in that the play begins, and without which publishers of what is recorded: those that don't know the
+    /// recorder yet, or whose topic's type is not known.
+    pub(super) fn begin_without_unmet(&self) {
+        // A ledger that can't be read fails the next look.
+        let Ok(look) = Look::at(self.ledger()) else { return };
+        let met = |input: &Arc<Input>| input.acquaintance().is_whole();
+        let recorded = self.inputs.all().into_iter().filter(|input| !met(input));
+        let topics = recorded.map(|input| input.topic.clone());
+        let topics: Vec<String> = topics.chain(self.wanted().iter().cloned()).collect();
+        self.unmet.begin(topics.iter().flat_map(|topic| look.there(Kind::Publisher, topic)));
+    }
+
+    /// What these have published since and did not come, as sentences.
+    pub(super) fn unmet(&self) -> Vec<String> {
+        // What was published can't be known then, which is reported.
+        let Ok(endpoints) = self.ledger().endpoints() else { return Vec::new() };
+        let handed = |topic: &str| self.inputs.of(topic).map_or(0, |input| input.arrivals.handed());
+        self.unmet.lacking(&endpoints, handed)
+    }
+
     /// What each recorded topic must have handed on by now at least, of what is published by this
     /// moment.
     pub(super) fn due(&self) -> Result<Vec<(Arc<Input>, u64)>, GraphError> {

@@ -8,8 +8,8 @@ use std::time::{Duration, Instant};
 use bagpipe_replay::{Ledger, Mode, Progress, Stage, Strength};
 use bagpipe_ros2ledger::Kind;
 
-use crate::scene::{Ask, DEFAULT, Scene, recording, recording_of};
-use crate::standin::{Node, eventually};
+use crate::scene::{Ask, DEFAULT, RELAY, Scene, recording, recording_of};
+use crate::standin::{Graph, Node, eventually};
 use crate::{
     LATCHED, OUT, RELIABLE, answered, counts, late_queue, start_keeping, start_lane, start_lane_of,
     start_other, strings,
@@ -155,6 +155,32 @@ fn what_a_publisher_goes_on_to_publish_makes_up_for_nothing_of_it_that_was_lost(
         let missing: u64 = before.rsplit(' ').next().unwrap().parse().unwrap();
         // One that is published just then may stand for one of them.
         assert!((lost.max(2) - 1..=lost).contains(&missing), "{sentence}");
+    }
+}
+
+#[test]
+fn what_is_published_by_who_never_met_the_recorder_is_lost_where_it_was_there_before_the_play() {
+    for (elsewhere, fails) in [(true, true), (false, false)] {
+        let scene = Scene::new();
+        let _relay = scene.start("standin_node", &RELAY);
+        let far = ["--name", "/far", "--pub", "/out2:std_msgs/msg/String:1000:reliable"];
+        let far = [&far[..], &["--burst", "0", "--every-us", "1000"]].concat();
+        // In another domain it is in the ledger alone.
+        let domain = if elsewhere { &Graph::new() } else { &scene.graph };
+        let _far = domain.start_counting("standin_node", &far, &scene.ledger);
+        scene.await_published("/out2", 1);
+        let ask = Ask { mode: Mode::Realtime, ..DEFAULT };
+        let played = scene.play(&recording(&["/in"], 100, 100), &ask);
+        let Err(error) = played else {
+            assert!(!fails, "passed without a message of /out2");
+            continue;
+        };
+        let sentence = error.to_string();
+        assert!(fails && error.reason() == "RecordingIncomplete", "{sentence}");
+        assert!(
+            sentence
+                .contains(" messages of /out2 did not reach the recorder, which /far did not know")
+        );
     }
 }
 

@@ -1,0 +1,57 @@
+//! Publishers of what is recorded that were there when the play began, and whom the recorder did not know
+//! by then: what they have published since and did not reach it is lost, and in nobody else's account.
+
+use std::collections::BTreeMap;
+use std::sync::{Mutex, PoisonError};
+
+use bagpipe_ros2ledger::{Endpoint, EndpointId};
+
+/// By topic, each with what it had published when the play began.
+#[derive(Default)]
+pub(crate) struct Unmet(Mutex<BTreeMap<String, BTreeMap<EndpointId, u64>>>);
+
+impl Unmet {
+    /// Takes in that the play begins without these.
+    pub(crate) fn begin<'e>(&self, unmet: impl Iterator<Item = &'e Endpoint>) {
+        let mut all = BTreeMap::<String, BTreeMap<EndpointId, u64>>::new();
+        for one in unmet {
+            all.entry(one.topic.clone()).or_default().insert(one.id, one.counts.published);
+        }
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = all;
+    }
+
+    /// What lacks of a topic of which the recorder was `handed` so many, as sentences.
+    pub(crate) fn lacking(
+        &self,
+        endpoints: &[Endpoint],
+        handed: impl Fn(&str) -> u64,
+    ) -> Vec<String> {
+        let all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        all.iter()
+            .filter_map(|(topic, begun)| lacks(topic, begun, endpoints, handed(topic)))
+            .collect()
+    }
+}
+
+fn lacks(
+    topic: &str,
+    begun: &BTreeMap<EndpointId, u64>,
+    endpoints: &[Endpoint],
+    handed: u64,
+) -> Option<String> {
+    let own = || endpoints.iter().filter_map(|one| Some((one, begun.get(&one.id)?)));
+    let published: u64 =
+        own().map(|(one, before)| one.counts.published.saturating_sub(*before)).sum();
+    let mut nodes: Vec<&str> = own().map(|(one, _)| one.node.as_str()).collect();
+    nodes.sort_unstable();
+    nodes.dedup();
+    let missing = published.saturating_sub(handed);
+    (missing > 0).then(|| {
+        format!(
+            "{missing} messages of {topic} did not reach the recorder, which {} did not know when the play \
+             began: is it in the case's domain (ROS_DOMAIN_ID is the agent's), or was the machine too \
+             busy for them to find each other?",
+            nodes.join(", ")
+        )
+    })
+}
