@@ -49,8 +49,8 @@ fn lacks(
     (missing > 0).then(|| {
         format!(
             "{missing} messages of {topic} did not reach the recorder, which {} did not know when the play \
-             began: is it in the case's domain (ROS_DOMAIN_ID is the agent's), or was the machine too \
-             busy for them to find each other?",
+             began: is there another node of its name, which hides it in the graph? is it in the case's \
+             domain (ROS_DOMAIN_ID is the agent's)? or had they no processor to find each other?",
             nodes.join(", ")
         )
     })

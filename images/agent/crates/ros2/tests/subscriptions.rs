@@ -86,7 +86,7 @@ fn by_the_clock_what_a_node_took_before_and_after_it_subscribed_again_counts() {
 #[test]
 fn two_processes_with_one_name_have_a_line_each() {
     let scene = Scene::new();
-    let _whole = scene.start("standin_node", &relay("/twin", DEEP, &[]));
+    let _whole = scene.start("standin_node", &["--name", "/twin", "--sub", DEEP]);
     let slow = ["--name", "/twin", "--sub", ONE, "--delay-us", "4000"];
     let _slow = scene.start("standin_node", &slow);
     scene.await_subscriptions(2);
@@ -100,6 +100,23 @@ fn two_processes_with_one_name_have_a_line_each() {
     let all: Vec<(u64, u64)> =
         lines(&replayed).iter().map(|line| (line.received, line.dropped)).collect();
     assert_eq!(all, [(100, 0), (100, 0)]);
+}
+
+#[test]
+fn of_two_nodes_of_one_name_what_one_publishes_that_the_graph_does_not_show_is_lacking() {
+    let scene = Scene::new();
+    let _first = scene.start("standin_node", &relay("/twin", DEEP, &[]));
+    let _second = scene.start("standin_node", &["--name", "/twin", "--sub", DEEP]);
+    scene.await_subscriptions(2);
+    match scene.play(&recording(&["/in"], 400, 50), &REALTIME) {
+        Ok(replayed) => assert_eq!(recorded(&replayed).len(), 400),
+        Err(error) => {
+            assert_eq!(error.reason(), "RecordingIncomplete");
+            let words = error.to_string();
+            assert!(words.contains("400 messages of /out did not reach"), "{words}");
+            assert!(words.contains("another node of its name"), "{words}");
+        }
+    }
 }
 
 #[test]

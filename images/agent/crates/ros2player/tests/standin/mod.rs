@@ -290,6 +290,19 @@ impl Node {
     pub fn signal(&self, name: &str) {
         let pid = self.pid().to_string();
         assert!(Command::new("kill").args(["-s", name, &pid]).status().unwrap().success());
+        // Until one of its threads has had the processor the others go on.
+        if name == "STOP" {
+            eventually(|| self.is_stopped());
+        }
+    }
+
+    /// Whether each thread of it is stopped.
+    fn is_stopped(&self) -> bool {
+        let threads = std::fs::read_dir(format!("/proc/{}/task", self.pid())).unwrap();
+        threads.map(|thread| thread.unwrap().path().join("stat")).all(|file| {
+            let stat = std::fs::read_to_string(file).unwrap_or_default();
+            stat.rsplit_once(')').is_none_or(|(_, rest)| rest.starts_with(" T"))
+        })
     }
 
     /// Sends SIGTERM, and waits until it has ended: whether with success.
