@@ -20,7 +20,16 @@ impl Unmet {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = all;
     }
 
-    /// What lacks of a topic of which the recorder was `handed` so many, as sentences.
+    /// How many messages lack of all topics, of each of which the recorder was `handed` so many.
+    pub(crate) fn missing(&self, endpoints: &[Endpoint], handed: impl Fn(&str) -> u64) -> u64 {
+        let all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let missing = |(topic, begun): (&String, &_)| {
+            published(begun, endpoints).saturating_sub(handed(topic))
+        };
+        all.iter().map(missing).sum()
+    }
+
+    /// The same as sentences, one for each topic of which some lack.
     pub(crate) fn lacking(
         &self,
         endpoints: &[Endpoint],
@@ -33,19 +42,29 @@ impl Unmet {
     }
 }
 
+/// Those of the endpoints that were unmet, each with what it had published by then.
+fn own<'e>(
+    begun: &'e BTreeMap<EndpointId, u64>,
+    endpoints: &'e [Endpoint],
+) -> impl Iterator<Item = (&'e Endpoint, &'e u64)> {
+    endpoints.iter().filter_map(|one| Some((one, begun.get(&one.id)?)))
+}
+
+/// What these have published since the play began.
+fn published(begun: &BTreeMap<EndpointId, u64>, endpoints: &[Endpoint]) -> u64 {
+    own(begun, endpoints).map(|(one, before)| one.counts.published.saturating_sub(*before)).sum()
+}
+
 fn lacks(
     topic: &str,
     begun: &BTreeMap<EndpointId, u64>,
     endpoints: &[Endpoint],
     handed: u64,
 ) -> Option<String> {
-    let own = || endpoints.iter().filter_map(|one| Some((one, begun.get(&one.id)?)));
-    let published: u64 =
-        own().map(|(one, before)| one.counts.published.saturating_sub(*before)).sum();
-    let mut nodes: Vec<&str> = own().map(|(one, _)| one.node.as_str()).collect();
+    let mut nodes: Vec<&str> = own(begun, endpoints).map(|(one, _)| one.node.as_str()).collect();
     nodes.sort_unstable();
     nodes.dedup();
-    let missing = published.saturating_sub(handed);
+    let missing = published(begun, endpoints).saturating_sub(handed);
     (missing > 0).then(|| {
         format!(
             "{missing} messages of {topic} did not reach the recorder, which {} did not know when the play \

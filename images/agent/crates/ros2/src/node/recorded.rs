@@ -167,6 +167,9 @@ impl Graph {
         // What was published can't be known then, which is reported.
         let Ok(endpoints) = self.ledger().endpoints() else { return Vec::new() };
         let handed = |topic: &str| self.inputs.of(topic).map_or(0, |input| input.arrivals.handed());
+        // What went out just then is on its way.
+        let missing = || self.unmet.missing(&endpoints, handed);
+        self.inputs.await_arrivals(ON_ITS_WAY, self.means.stall, missing);
         self.unmet.lacking(&endpoints, handed)
     }
 
