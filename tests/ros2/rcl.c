@@ -151,6 +151,15 @@ int rcl_get_node_names(const struct rcl_node *node, struct allocator allocator,
   return rmw_get_node_names(node->impl, names, spaces);
 }
 
+int rcl_get_topic_names_and_types(const struct rcl_node *node, struct allocator *allocator,
+                                  bool mangled, struct names_and_types *into) {
+  return rmw_get_topic_names_and_types(node->impl, allocator, mangled, into);
+}
+
+int rcl_count_publishers(const struct rcl_node *node, const char *topic, size_t *count) {
+  return rmw_count_publishers(node->impl, topic, count);
+}
+
 int rcl_get_publisher_names_and_types_by_node(const struct rcl_node *node,
                                               struct allocator *allocator, bool mangled,
                                               const char *name, const char *space,

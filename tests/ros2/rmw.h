@@ -128,6 +128,9 @@ int rmw_context_fini(struct rmw_context *context);
 struct rmw_node *rmw_create_node(struct rmw_context *context, const char *name, const char *space);
 int rmw_destroy_node(struct rmw_node *node);
 int rmw_get_node_names(const struct rmw_node *node, struct strings *names, struct strings *spaces);
+int rmw_get_topic_names_and_types(const struct rmw_node *node, struct allocator *, bool mangled,
+                                  struct names_and_types *into);
+int rmw_count_publishers(const struct rmw_node *node, const char *topic, size_t *count);
 int rmw_get_publisher_names_and_types_by_node(const struct rmw_node *node, struct allocator *,
                                               const char *name, const char *space, bool mangled,
                                               struct names_and_types *into);

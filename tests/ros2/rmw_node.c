@@ -129,7 +129,7 @@ int rmw_get_node_names(const struct rmw_node *node, struct strings *names, struc
 }
 
 struct search {
-  const char *name, *space;
+  const char *name, *space; /* of a node; NULL: of all */
   dds_guid_t participant;
   bool found;
   struct names_and_types *into;
@@ -161,7 +161,9 @@ static void add_topic(const void *sample, void *state) {
   struct search *search = state;
   struct names_and_types *into = search->into;
   char type[512];
-  if (memcmp(&one->participant_key, &search->participant, sizeof search->participant) != 0) return;
+  if (search->name != NULL &&
+      memcmp(&one->participant_key, &search->participant, sizeof search->participant) != 0)
+    return;
   if (strncmp(one->topic_name, "rt/", 3) != 0) return; /* no topic of ROS */
   demangle(one->type_name, type);
   size_t at = 0;
@@ -200,4 +202,32 @@ int rmw_get_subscriber_names_and_types_by_node(const struct rmw_node *node,
                                                struct names_and_types *into) {
   (void)allocator, (void)mangled;
   return topics_of(node, ((const struct node *)node->data)->subscriptions, name, space, into);
+}
+
+int rmw_get_topic_names_and_types(const struct rmw_node *node, struct allocator *allocator,
+                                  bool mangled, struct names_and_types *into) {
+  (void)allocator, (void)mangled;
+  struct search search = {.into = into};
+  each(((const struct node *)node->data)->publications, add_topic, &search);
+  each(((const struct node *)node->data)->subscriptions, add_topic, &search);
+  return RMW_OK;
+}
+
+struct counted {
+  const char *topic;
+  size_t count;
+};
+
+static void count_one(const void *sample, void *state) {
+  const dds_builtintopic_endpoint_t *one = sample;
+  struct counted *counted = state;
+  if (strncmp(one->topic_name, "rt/", 3) == 0 && strcmp(one->topic_name + 2, counted->topic) == 0)
+    counted->count++;
+}
+
+int rmw_count_publishers(const struct rmw_node *node, const char *topic, size_t *count) {
+  struct counted counted = {topic, 0};
+  each(((const struct node *)node->data)->publications, count_one, &counted);
+  *count = counted.count;
+  return RMW_OK;
 }

@@ -46,6 +46,12 @@ static void create(struct request *from, struct answer *into, add *endpoint, boo
     endpoint(&wanted, into);
 }
 
+static void topic(struct request *from, struct answer *into) {
+  const char *name = request_text(from);
+  if (from->wrong) answer_failed(into, STATUS_REQUEST, "it names no topic");
+  else middleware_topic(name, into);
+}
+
 static void obey(struct request *from, struct answer *into) {
   static bool started;
   uint32_t verb = request_number(from);
@@ -65,6 +71,7 @@ static void obey(struct request *from, struct answer *into) {
     case VERB_SUBSCRIBE: create(from, into, subscription_add, false); return;
     case VERB_LISTEN: create(from, into, subscription_add, true); return;
     case VERB_GRAPH: middleware_graph(into); return;
+    case VERB_TOPIC: topic(from, into); return;
     case VERB_STATE:
       slot = request_number(from);
       name = request_text(from);

@@ -26,6 +26,7 @@ pub(crate) enum Verb {
     Refusal,
     Listen,
     State,
+    Topic,
 }
 
 /// A request, written up.

@@ -1,4 +1,4 @@
-//! The nodes of the graph.
+//! The nodes of the graph, and its topics.
 
 use crate::PlayerError;
 use crate::control::Answer;
@@ -13,6 +13,15 @@ pub struct GraphNode {
     pub publishes: Vec<(String, String)>,
     /// As above.
     pub subscribes: Vec<(String, String)>,
+}
+
+/// A topic, whichever nodes have it: of two nodes of one name the graph shows what one of them has.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct GraphTopic {
+    /// How many publishers it has, the program's own among them.
+    pub publishers: u64,
+    /// Each type that it has, such as `sensor_msgs/msg/LaserScan`; with librcl also those that are subscribed to.
+    pub types: Vec<String>,
 }
 
 /// Reads an answer to a request for the graph, after its status.
@@ -36,4 +45,11 @@ fn topics(from: &mut Answer) -> Result<Vec<(String, String)>, PlayerError> {
         found.push((from.text()?, from.text()?));
     }
     Ok(found)
+}
+
+/// Reads an answer to a request for a topic, after its status.
+pub(crate) fn read_topic(from: &mut Answer) -> Result<GraphTopic, PlayerError> {
+    let (publishers, count) = (from.long()?, from.number()?);
+    let types = (0..count).map(|_| from.text()).collect::<Result<_, _>>()?;
+    Ok(GraphTopic { publishers, types })
 }

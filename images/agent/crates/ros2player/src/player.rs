@@ -12,7 +12,7 @@ use rustix::net::{SendAncillaryBuffer, SendAncillaryMessage, SendFlags};
 use crate::control::{Answer, Control, Request, Verb, ended};
 use crate::error::MOST_ROOM;
 use crate::failure::{STATUS_DONE, failure};
-use crate::graph::{self, GraphNode};
+use crate::graph::{self, GraphNode, GraphTopic};
 use crate::layout::{ENDPOINTS, RECORD_MESSAGE, Record};
 use crate::memory::{Memory, Which};
 use crate::options::PlayerOptions;
@@ -284,6 +284,15 @@ impl Player {
     /// rcl does not say, or not within the deadline.
     pub fn graph(&self) -> Result<Vec<GraphNode>, PlayerError> {
         graph::read(&mut self.ask("list the graph", &Request::new(Verb::Graph), None)?)
+    }
+
+    /// A topic of the graph by now, whichever nodes have it.
+    ///
+    /// # Errors
+    /// rcl does not say, or not within the deadline.
+    pub fn topic_of_graph(&self, topic: &str) -> Result<GraphTopic, PlayerError> {
+        let request = Request::new(Verb::Topic).text(topic);
+        graph::read_topic(&mut self.ask("look up a topic", &request, None)?)
     }
 
     fn create(

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-use bagpipe_ros2player::{Player, PlayerError, PlayerOptions};
+use bagpipe_ros2player::{GraphTopic, Player, PlayerError, PlayerOptions};
 use standin::{
     ALL, Graph, LONG, RELIABLE, built, eventually, match_own, message, publish, threads_are,
     with_each_player, write_program,
@@ -68,6 +68,20 @@ fn the_graph_has_nodes_of_other_processes_with_their_topics() {
         assert_eq!(of("/bare").unwrap().publishes, []);
         let own = of("/bagpipe/player").unwrap();
         assert_eq!(own.publishes, [("/in".into(), "sensor_msgs/msg/Imu".into())]);
+        let topic = |publishers, types: &[&str]| {
+            let types = types.iter().map(|&one| one.to_owned()).collect();
+            GraphTopic { publishers, types }
+        };
+        let found = |name: &str| player.topic_of_graph(name).unwrap();
+        assert_eq!(found("/out"), topic(1, &["std_msgs/msg/String"]));
+        assert_eq!(found("/in"), topic(1, &["sensor_msgs/msg/Imu"]));
+        assert_eq!(found("/ou"), topic(0, &[]));
+        let _namesake =
+            graph.node(&["--name", "/ns/relay", "--pub", "/out:sensor_msgs/msg/Imu:1:reliable"]);
+        eventually(|| found("/out").publishers == 2);
+        let mut both = found("/out");
+        both.types.sort();
+        assert_eq!(both, topic(2, &["sensor_msgs/msg/Imu", "std_msgs/msg/String"]));
     });
 }
 

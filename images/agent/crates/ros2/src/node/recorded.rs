@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use bagpipe_graph::{GraphError, Publication, Publisher};
 use bagpipe_ros2ledger::{Endpoint, Kind};
-use bagpipe_ros2player::{GraphNode, Qos};
+use bagpipe_ros2player::{GraphNode, GraphTopic, Qos};
 
 use super::Graph;
 use crate::account::Publishes;
@@ -34,11 +34,7 @@ impl Graph {
     ) -> Result<(), GraphError> {
         let wanted: Vec<String> = self.wanted().iter().cloned().collect();
         for topic in wanted {
-            let publishing = nodes.iter().filter(|node| node.name != self.name);
-            let types = publishing.flat_map(|node| node.publishes.iter());
-            let Some((_, datatype)) = types.clone().find(|(name, _)| *name == topic) else {
-                continue;
-            };
+            let Some(datatype) = self.type_of(&topic, nodes)? else { continue };
             let all: Vec<&Endpoint> = published_on(&topic, endpoints).collect();
             let wanted = qos::recorded(all.iter().map(|one| &one.qos));
             let names: BTreeSet<&String> = all.iter().map(|one| &one.node).collect();
@@ -46,13 +42,30 @@ impl Graph {
                 [only] => Some(only.clone()),
                 _ => None,
             };
-            let publisher = self.publisher(node, datatype, &all, &wanted);
+            let publisher = self.publisher(node, &datatype, &all, &wanted);
             let subscription =
-                self.means.player.listen(&topic, datatype, &wanted).map_err(failed)?;
+                self.means.player.listen(&topic, &datatype, &wanted).map_err(failed)?;
             self.inputs.add(&topic, (subscription, wanted), publisher);
             self.wanted().remove(&topic);
         }
         Ok(())
+    }
+
+    /// The type that others publish a topic as; `None` while nobody does. Of two nodes of one name the
+    /// graph shows what one of them publishes: the other's topic may be known by the whole graph alone.
+    fn type_of(&self, topic: &str, nodes: &[GraphNode]) -> Result<Option<String>, GraphError> {
+        let others = nodes.iter().filter(|node| node.name != self.name);
+        let mut published = others.flat_map(|node| node.publishes.iter());
+        if let Some((_, datatype)) = published.find(|(name, _)| name == topic) {
+            return Ok(Some(datatype.clone()));
+        }
+        let GraphTopic { publishers, types } =
+            self.means.player.topic_of_graph(topic).map_err(failed)?;
+        let ours = self.topics().iter().filter(|played| played.info().topic == topic).count();
+        Ok(match &types[..] {
+            [only] if publishers > ours as u64 => Some(only.clone()),
+            _ => None,
+        })
     }
 
     /// How a recording introduces who publishes a topic.

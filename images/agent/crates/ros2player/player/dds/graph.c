@@ -10,6 +10,7 @@
 
 #define MOST_ENTITIES (1u << 16) /* of each kind */
 #define MOST_UNNAMED 4096
+#define MOST_TYPES 16 /* of one topic */
 
 /* What a reader knows to be there, lent until it is given back. */
 struct lent {
@@ -214,4 +215,43 @@ void middleware_graph(struct answer *into) {
   give_back(&graph.participants);
   give_back(&graph.publications);
   give_back(&graph.subscriptions);
+}
+
+/* Of those of a topic the types, each once; how many there are. */
+static uint32_t types(const struct lent *of, const char *topic, struct answer *into,
+                      uint64_t *endpoints) {
+  uint32_t count = 0;
+  const char *seen[MOST_TYPES];
+  for (size_t at = 0; at < of->count; at++) {
+    const dds_builtintopic_endpoint_t *one = of->samples[at];
+    char type[800];
+    if (!of->infos[at].valid_data || strncmp(one->topic_name, "rt/", 3) != 0) continue;
+    if (strcmp(one->topic_name + 2, topic) != 0) continue;
+    (*endpoints)++;
+    bool known = false;
+    for (uint32_t before = 0; before < count && !known; before++)
+      known = strcmp(seen[before], one->type_name) == 0;
+    if (known || count == MOST_TYPES || !demangle(one->type_name, type)) continue;
+    answer_text(into, type);
+    seen[count++] = one->type_name;
+  }
+  return count;
+}
+
+void middleware_topic(const char *topic, struct answer *into) {
+  struct lent lent;
+  if (!borrow(publications, &lent)) {
+    answer_failed(into, STATUS_REQUEST, "the graph can't be read, or has 65536 endpoints");
+    give_back(&lent);
+    return;
+  }
+  uint64_t endpoints = 0;
+  answer_number(into, STATUS_DONE);
+  size_t place = into->length;
+  answer_long(into, 0);
+  answer_number(into, 0);
+  uint32_t count = types(&lent, topic, into, &endpoints);
+  memcpy(into->bytes + place, &endpoints, sizeof endpoints);
+  memcpy(into->bytes + place + sizeof endpoints, &count, sizeof count);
+  give_back(&lent);
 }

@@ -1,4 +1,4 @@
-/* The nodes of the graph, with what they publish and subscribe to. */
+/* The nodes of the graph, with what they publish and subscribe to, and its topics. */
 #include <stdio.h>
 #include <string.h>
 
@@ -47,4 +47,37 @@ void middleware_graph(struct answer *into) {
   }
   (void)!rcl.rcutils_string_array_fini(&names);
   (void)!rcl.rcutils_string_array_fini(&spaces);
+}
+
+static void types(struct answer *into, const struct names_and_types *found, const char *topic) {
+  for (size_t one = 0; one < found->names.size; one++) {
+    if (strcmp(found->names.data[one], topic) != 0) continue;
+    const struct strings *types = &found->types[one];
+    answer_number(into, (uint32_t)types->size);
+    for (size_t at = 0; at < types->size; at++) answer_text(into, types->data[at]);
+    return;
+  }
+  answer_number(into, 0);
+}
+
+/* Of the whole graph: of two nodes of one name the lists by node show what one of them has. */
+void middleware_topic(const char *topic, struct answer *into) {
+  struct allocator allocator = rcl.rcutils_get_default_allocator();
+  struct names_and_types found;
+  size_t publishers = 0;
+  memset(&found, 0, sizeof found);
+  int failed = rcl.rcl_count_publishers(&node, topic, &publishers);
+  if (failed) {
+    answer_rcl(into, "rcl_count_publishers", failed);
+    return;
+  }
+  failed = rcl.rcl_get_topic_names_and_types(&node, &allocator, false, &found);
+  if (failed) {
+    answer_rcl(into, "rcl_get_topic_names_and_types", failed);
+    return;
+  }
+  answer_number(into, STATUS_DONE);
+  answer_long(into, publishers);
+  types(into, &found, topic);
+  (void)!rcl.rcl_names_and_types_fini(&found);
 }

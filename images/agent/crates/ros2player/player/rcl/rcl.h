@@ -108,6 +108,9 @@ struct names_and_types {
   X(int, rcl_wait, (void *set, int64_t nanoseconds))                                               \
   X(int, rcl_get_node_names, (const void *node, struct allocator, struct strings *names,           \
                               struct strings *spaces))                                             \
+  X(int, rcl_count_publishers, (const void *node, const char *topic, size_t *count))               \
+  X(int, rcl_get_topic_names_and_types, (const void *node, struct allocator *, bool mangled,       \
+                                         struct names_and_types *))                                \
   X(int, rcl_get_publisher_names_and_types_by_node,                                                \
     (const void *node, struct allocator *, bool mangled, const char *name, const char *space,      \
      struct names_and_types *))                                                                    \
