@@ -47,6 +47,8 @@ PACKAGES = {
         "cyclonedds-dev",
         "g++",
         "libfastrtps-dev",
+        # With it any program can load a librcl that was built for Python.
+        "libpython3.11",
         "libroscpp-dev",
         "librosbag-dev",
         "libsensor-msgs-dev",

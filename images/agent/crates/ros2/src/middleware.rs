@@ -1,5 +1,6 @@
 //! ROS 2 behind the seam of `bagpipe-graph`.
 
+use std::ffi::OsString;
 use std::fmt::{self, Debug};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -38,8 +39,7 @@ impl Ros2 {
         let player = Player::start(&PlayerOptions {
             program: options.program.clone(),
             environment: options.environment.clone(),
-            // What the player takes and publishes is ours, and none of the stack's.
-            removed: vec!["LD_PRELOAD".into(), "BAGPIPE_LEDGER".into()],
+            removed: removed(&options.environment),
             node,
             namespace: "/".to_owned(),
             room: ROOM,
@@ -66,6 +66,14 @@ impl Ros2 {
     pub fn pid(&self) -> u32 {
         self.pid
     }
+}
+
+/// What a player does not get of this process' own variables. What it takes and publishes is ours, and none of
+/// the stack's.
+fn removed(environment: &[(OsString, OsString)]) -> Vec<OsString> {
+    let preloads = environment.iter().any(|(name, _)| name == "LD_PRELOAD");
+    let preload = (!preloads).then(|| OsString::from("LD_PRELOAD"));
+    preload.into_iter().chain(["BAGPIPE_LEDGER".into()]).collect()
 }
 
 impl Debug for Ros2 {

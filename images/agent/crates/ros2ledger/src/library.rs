@@ -1,6 +1,7 @@
 //! The library as bytes, and the environment that makes the loader take it.
 
 use std::ffi::{OsStr, OsString};
+use std::os::unix::ffi::{OsStrExt, OsStringExt};
 use std::path::Path;
 
 /// The shared library to preload: an ELF file of 30 KiB for this processor and any glibc from 2.31 on.
@@ -31,9 +32,51 @@ pub(crate) fn environment(
     [(LEDGER, memory), (PRELOAD, libraries)]
 }
 
+/// The variables of a process that is to count nothing, from those of one that may count by the `library`:
+/// whatever else is preloaded stays.
+pub fn uncounted(
+    variables: Vec<(OsString, OsString)>,
+    library: &Path,
+) -> Vec<(OsString, OsString)> {
+    let kept = |(name, value): (OsString, OsString)| match name.to_str() {
+        Some(LEDGER) => None,
+        Some(PRELOAD) => others(&value, library).map(|value| (name, value)),
+        _ => Some((name, value)),
+    };
+    variables.into_iter().filter_map(kept).collect()
+}
+
+/// What a preload has beside the library, if anything.
+fn others(preload: &OsStr, library: &Path) -> Option<OsString> {
+    let all = preload.as_bytes().split(|byte| b": ".contains(byte));
+    let others = all.filter(|one| !one.is_empty() && *one != library.as_os_str().as_bytes());
+    let others: Vec<&[u8]> = others.collect();
+    (!others.is_empty()).then(|| OsString::from_vec(others.join(&b':')))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn who_counts_nothing_has_every_other_library_and_variable() {
+        let after = |preload: &str| {
+            let all =
+                [("A", "b"), (PRELOAD, preload), (LEDGER, "/proc/7/fd/3"), ("LD_PRELOADS", "c")];
+            let all = all.map(|(name, value)| (OsString::from(name), OsString::from(value)));
+            let left = uncounted(all.to_vec(), Path::new("/shared/ledger.so"));
+            let text = |one: OsString| one.into_string().unwrap();
+            left.into_iter().map(|(name, value)| (text(name), text(value))).collect::<Vec<_>>()
+        };
+        let pair = |name: &str, value: &str| (name.to_owned(), value.to_owned());
+        let [a, c] = [pair("A", "b"), pair("LD_PRELOADS", "c")];
+        for none in ["/shared/ledger.so", "", " : /shared/ledger.so:"] {
+            assert_eq!(after(none), [a.clone(), c.clone()], "{none:?}");
+        }
+        let some = "/shared/ledger.so:a.so b.so:/other/ledger.so";
+        let preload = pair(PRELOAD, "a.so:b.so:/other/ledger.so");
+        assert_eq!(after(some), [a, preload, c]);
+    }
 
     #[test]
     fn a_preload_that_is_there_already_stays_behind_ours() {

@@ -18,8 +18,6 @@ use crate::stack::processes::{descendants, pause};
 const GLANCE: Duration = Duration::from_millis(5);
 /// After this time a process counts that uses ROS 2 and does not report to the ledger.
 const UNCOUNTED: Duration = Duration::from_secs(1);
-/// Variables of the ledger, which the player must not count in.
-const OURS: [&str; 2] = ["LD_PRELOAD", "BAGPIPE_LEDGER"];
 
 /// Variables of a process.
 pub type Variables = Vec<(OsString, OsString)>;
@@ -83,7 +81,7 @@ fn of_the_first(mut processes: impl Iterator<Item = u32>) -> Option<Variables> {
     processes.find_map(variables_of)
 }
 
-/// The variables that a process was started with, but those of the ledger; `None` if it is gone.
+/// The variables that a process was started with; `None` if it is gone.
 fn variables_of(pid: u32) -> Option<Variables> {
     let bytes = std::fs::read(format!("/proc/{pid}/environ")).ok()?;
     Some(parse(&bytes))
@@ -95,12 +93,7 @@ fn parse(bytes: &[u8]) -> Variables {
         let name = OsString::from_vec(variable[..at].to_vec());
         Some((name, OsString::from_vec(variable[at + 1..].to_vec())))
     });
-    all.filter(|(name, _)| !is_ours(name)).collect()
-}
-
-/// Whether a variable is the ledger's.
-pub fn is_ours(name: &OsStr) -> bool {
-    OURS.iter().any(|ours| name == *ours)
+    all.collect()
 }
 
 /// The folders where packages are installed.
@@ -123,8 +116,8 @@ mod tests {
     }
 
     #[test]
-    fn variables_are_read_but_the_ledgers() {
-        let bytes = b"A=b=c\0LD_PRELOAD=/x.so\0=odd\0none\0AMENT_PREFIX_PATH=/ws::/opt/ros\0BAGPIPE_LEDGER=7\0E=\0";
+    fn variables_are_read() {
+        let bytes = b"A=b=c\0=odd\0none\0AMENT_PREFIX_PATH=/ws::/opt/ros\0E=\0";
         let found = parse(bytes);
         let names: Vec<&str> = found.iter().filter_map(|(name, _)| name.to_str()).collect();
         assert_eq!(names, ["A", "AMENT_PREFIX_PATH", "E"]);

@@ -62,7 +62,7 @@ impl<'a> Ros2Host<'a> {
         let job = job.map(|(name, value)| (OsString::from(name), OsString::from(value)));
         let own = self.variables().set.into_iter();
         let own = own.map(|(name, value)| (OsString::from(name), value));
-        job.chain(own).filter(|(name, _)| !environment::is_ours(name)).collect()
+        job.chain(own).collect()
     }
 
     /// A variable of the job, or else of the container.

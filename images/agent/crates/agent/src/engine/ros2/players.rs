@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use bagpipe_ros2::{QosOverride, Ros2, Ros2Options};
-use bagpipe_ros2ledger::Ledger;
+use bagpipe_ros2ledger::{Ledger, uncounted};
 use bagpipe_ros2player::PlayerError;
 
 use crate::case::Player;
@@ -146,6 +146,7 @@ impl Players {
     }
 
     fn start(&mut self, program: PathBuf, variables: Variables) -> Result<Ros2, PlayerError> {
+        let variables = uncounted(variables, &self.files.library);
         let ros2 = Ros2::start(Ros2Options {
             ledger: Arc::clone(&self.ledger),
             program,

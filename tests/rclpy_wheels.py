@@ -1,0 +1,76 @@
+"""ROS 2's own libraries from PyPI: rclpy, librcl and Fast DDS of Jazzy, in a folder of their own.
+
+The wheels are a third party's (https://github.com/ycheng517/ros-python-wheels), each pinned by its
+hashes in rclpy_wheels.txt: what nodes need to run, none of what builds packages, and no rclcpp.
+
+`python3 -m tests.rclpy_wheels` installs them, and prints the folder that they are in.
+"""
+
+import fcntl
+import hashlib
+import os
+import shutil
+import subprocess
+import sys
+import sysconfig
+from pathlib import Path
+
+PINNED = Path(__file__).with_suffix(".txt")
+_INSTALL_SECONDS = 600.0
+
+
+def installed() -> Path:
+    """What /opt/ros/jazzy is to who sources it, installed once for each state of what is pinned."""
+    digest = hashlib.sha256(PINNED.read_bytes() + sys.version.encode()).hexdigest()
+    cache = Path(os.environ.get("BAGPIPE_CACHE", Path.home() / ".cache/bagpipe"))
+    folder = cache / f"rclpy-{digest[:16]}"
+    cache.mkdir(parents=True, exist_ok=True)
+    with (cache / "rclpy.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not (folder / "complete").exists():
+            _install(folder)
+    return folder
+
+
+def _install(folder: Path) -> None:
+    # Scripts name the interpreter by its path, so that it can't be moved when it is complete.
+    shutil.rmtree(folder, ignore_errors=True)
+    subprocess.run([sys.executable, "-m", "venv", folder], check=True, timeout=_INSTALL_SECONDS)
+    command = [str(folder / "bin/python"), "-m", "pip", "install", "--quiet", "--no-deps"]
+    command += ["--disable-pip-version-check", "--require-hashes", "--only-binary", ":all:"]
+    subprocess.run([*command, "-r", str(PINNED)], check=True, timeout=_INSTALL_SECONDS)
+    (folder / "complete").touch()
+
+
+def environment(folder: Path) -> dict[str, str]:
+    """What a sourced setup would set: Python finds all of it, and no other program does."""
+    return {
+        "LD_LIBRARY_PATH": str(folder / "lib"),
+        "AMENT_PREFIX_PATH": str(folder),
+        "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp",
+    }
+
+
+def environment_for_all(folder: Path) -> dict[str, str]:
+    """The same for programs that are not Python: with what the wheels bundle, and with Python's own.
+
+    Raises:
+        AssertionError: Python has no shared library here (Debian's is in `libpython3.11`).
+    """
+    bundled = sorted(folder.glob("lib/python3.*/site-packages/*.libs"))
+    python = Path(sysconfig.get_config_var("LIBDIR"), sysconfig.get_config_var("INSTSONAME"))
+    there = ".so" in python.suffixes and python.exists()
+    assert there, f"is Debian's libpython3.11 installed? There is no shared {python}"
+    return environment(folder) | {
+        "LD_LIBRARY_PATH": ":".join(map(str, [folder / "lib", *bundled])),
+        "LD_PRELOAD": str(python),
+    }
+
+
+def python(folder: Path) -> str:
+    """The interpreter that has rclpy."""
+    return str(folder / "bin/python")
+
+
+if __name__ == "__main__":
+    print(installed())
