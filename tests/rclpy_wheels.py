@@ -52,7 +52,7 @@ def environment(folder: Path) -> dict[str, str]:
 
 
 def environment_for_all(folder: Path) -> dict[str, str]:
-    """The same for programs that are not Python: with what the wheels bundle, and with Python's own.
+    """The same for programs that are not Python: with what the wheels bundle and Python's own.
 
     Raises:
         AssertionError: Python has no shared library here (Debian's is in `libpython3.11`).
