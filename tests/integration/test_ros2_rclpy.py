@@ -1,11 +1,17 @@
 """Jobs of nodes of the real rclpy over the real librcl and Fast DDS, from PyPI."""
 
+import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+from click.testing import CliRunner
+from mcap.reader import make_reader
+from rosbags.rosbag1 import Writer as Bag
+from rosbags.typesys import Stores, get_typestore
 
+from bagpipe.cli.__main__ import main
 from tests import rclpy_wheels, ros2_recording
 from tests.integration.conftest import RunningAgent
 from tests.integration.test_ros2_jobs import ALL, LOCKSTEP, MESSAGES, digest, run, spec
@@ -13,6 +19,7 @@ from tests.integration.test_ros2_jobs import ALL, LOCKSTEP, MESSAGES, digest, ru
 pytestmark = pytest.mark.integration
 
 NODES = Path(__file__).parents[1] / "ros2_real/nodes/scripts"
+HEADER = "std_msgs/msg/Header"
 MAX = {"mode": "max"}
 REALTIME = {"mode": "realtime"}
 # How far what it takes is proved: rclpy has no tracepoints; in lock-step each input was answered.
@@ -104,6 +111,44 @@ def test_two_nodes_of_one_name_are_a_line_each_and_both_are_recorded(
         "/out": MESSAGES,
         "/out_other": MESSAGES,
     }
+
+
+def test_a_drive_of_ros_1_is_played_once_its_messages_are_those_of_ros_2(
+    folders: dict[str, str], ros2: Path, start_agent: Callable[..., RunningAgent], tmp_path: Path
+) -> None:
+    old = get_typestore(Stores.ROS1_NOETIC)
+    imu = get_typestore(Stores.ROS2_HUMBLE)
+    stamps = [ros2_recording.BEGIN + number * 5_000_000 for number in range(MESSAGES)]
+    with Bag(tmp_path / "drive.bag") as bag:
+        connection = bag.add_connection("/in", ros2_recording.IMU, typestore=old)
+        for number, stamp in enumerate(stamps):
+            message: Any = imu.deserialize_cdr(
+                ros2_recording.imu(stamp, number), ros2_recording.IMU
+            )
+            header = old.types[HEADER](number, message.header.stamp, "imu")
+            message = dataclasses.replace(message, header=header)
+            bag.write(connection, stamp, old.serialize_ros1(message, ros2_recording.IMU))
+    target = Path(folders["recordings"], "drive.mcap")
+    target.unlink()
+    words = ["bag", "convert", str(tmp_path / "drive.bag"), "--to", str(target)]
+    made = CliRunner().invoke(main, [*words, "--messages", "ros2"])
+    assert made.exit_code == 0, made.output
+    row = run(
+        spec(rclpy_wheels.environment_for_all(ros2), LOCKSTEP, answering(ros2)),
+        folders,
+        start_agent(),
+    )
+    assert (row["outcome"], row["attempts"]) == ("passed", 1), row
+    recorded = Path(folders["results"], "r", row["recorded"])
+    kind = "std_msgs/msg/String"
+    with recorded.open("rb") as stream:
+        answers: list[Any] = [
+            imu.deserialize_cdr(message.data, kind)
+            for _, _, message in make_reader(stream).iter_messages()
+        ]
+    assert [answer.data for answer in answers] == [
+        f"{stamp} {number:f}" for number, stamp in enumerate(stamps)
+    ]
 
 
 def test_a_node_that_nobody_counts_proves_nothing(

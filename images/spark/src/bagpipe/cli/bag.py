@@ -10,6 +10,7 @@ import click
 from rich.console import Console
 from rich.table import Table
 
+from bagpipe.cli.bag_for_ros2 import for_ros2
 from bagpipe.cli.bag_here import Elsewhere, Written, kind_of, merged, recording_at
 from bagpipe.cli.bag_reading import BagFile, BagRefusedError, damage_data, damage_of, naming, native
 from bagpipe.cli.places import (
@@ -233,6 +234,13 @@ def reindex_command(bag: str, target: str, output: str, **given: Any) -> None:
 @bag_group.command("convert")
 @click.argument("bag", metavar="BAG")
 @_target_option
+@click.option(
+    "--messages",
+    type=click.Choice(["as-they-are", "ros2"]),
+    default="as-they-are",
+    show_default=True,
+    help="With ros2 those of ROS 1 become messages of ROS 2 (CDR), by the recorded definitions.",
+)
 @_compression_option
 @volume_option
 @_budget_option
@@ -240,18 +248,21 @@ def reindex_command(bag: str, target: str, output: str, **given: Any) -> None:
 def convert_command(bag: str, target: str, output: str, **given: Any) -> None:
     """Write BAG in another format, or compressed in another way.
 
-    The new name ends in .bag or .mcap. Messages stay as they are: a bag takes those of ROS 1 alone,
-    and MCAP takes all. The exit status is 2 if BAG is damaged, can't be read, or can't be that.
+    The new name ends in .bag or .mcap. Messages stay as they are, unless --messages ros2 is given:
+    a bag takes those of ROS 1 alone, and MCAP takes all. The exit status is 2 if BAG is damaged,
+    can't be read, or can't be that.
 
     \b
     bagpipe bag convert rosbag2_2026_11_23/ --to drive.mcap --compression zstd
     bagpipe bag convert drive.bag --to drive.mcap
+    bagpipe bag convert drive.bag --to drive.mcap --messages ros2    # for a stack of ROS 2
     """
 
     def done() -> dict[str, Any]:
         file = _elsewhere(bag, given["volumes"], given["budget"])
         uri = _new(target, file.storage)
-        return _written(file.converted(target, given["compression"]), target, uri, file.storage)
+        convert = for_ros2 if given["messages"] == "ros2" else Elsewhere.converted
+        return _written(convert(file, target, given["compression"]), target, uri, file.storage)
 
     _print(_done(done), output, _show_written)
 
@@ -340,7 +351,7 @@ def _of_written(made: Written) -> dict[str, Any]:
         "start": min((chunk.start_time for chunk in chunks), default=None),
         "end": max((chunk.end_time for chunk in chunks), default=None),
         "damage": made.damage,
-    }
+    } | ({"added": list(made.added)} if made.added else {})
 
 
 def _print(found: Any, output: str, show: Callable[[Any, Console], None]) -> None:
@@ -398,6 +409,8 @@ def _show_written(found: dict[str, Any], console: Console) -> None:
     lines = [f"{found['bag']}: {found['messages']:,} messages, {found['bytes']:,} bytes"]
     if found.get("damage"):
         lines.append(f"lost of the old one: {_lost(found['damage'])}")
+    if found.get("added"):
+        lines.append(f"fields that ROS 2 alone has are 0 or empty: {', '.join(found['added'])}")
     for text in lines:
         console.print(unstyled(text), highlight=False, soft_wrap=True)
 

@@ -32,6 +32,8 @@ class Written:
     data: bytes
     messages: int
     damage: dict[str, Any] | None = None
+    # Fields of ROS 2 that a converted message did not have.
+    added: tuple[str, ...] = ()
 
 
 def kind_of(uri: str, storage: Storage) -> tuple[str, str]:
