@@ -54,14 +54,15 @@ impl<P: Ord> Account<P> {
     }
 
     /// Takes in how much each publisher has published by now, which was read after `handed`, what
-    /// was handed to the sink; `met`: we know all of them.
+    /// was handed to the sink; `met`: whether we and it know each other.
     pub(crate) fn look(
         &mut self,
         now: impl Iterator<Item = (P, Publishes)>,
         handed: u64,
-        met: bool,
+        met: impl Fn(&P) -> bool,
     ) {
         for (id, publishes) in now {
+            let met = met(&id);
             let one = self.publishers.entry(id).or_default();
             let published = one.publishes.published.max(publishes.published);
             one.publishes = Publishes { published, ..publishes };
@@ -106,7 +107,7 @@ mod tests {
     fn after(looks: &[(u64, u64)]) -> Account<u32> {
         let mut account = Account::default();
         for (published, handed) in looks {
-            account.look(publishes([(1, *published)]), *handed, true);
+            account.look(publishes([(1, *published)]), *handed, |_| true);
         }
         account
     }
@@ -124,7 +125,7 @@ mod tests {
     fn a_call_is_under_way_until_it_has_returned() {
         let mut account = Account::<u32>::default();
         for (published, offered, is) in [(0, 0, false), (3, 4, true), (4, 4, false)] {
-            account.look(std::iter::once((1, Publishes { published, offered })), 0, true);
+            account.look(std::iter::once((1, Publishes { published, offered })), 0, |_| true);
             assert_eq!(account.is_under_way(), is);
         }
     }
@@ -145,7 +146,7 @@ mod tests {
     fn a_pause_on_the_way_is_not_taken_for_an_early_message() {
         let mut account = after(&[(0, 0), (10, 7), (10, 7), (10, 10)]);
         assert_eq!(account.due(), 10);
-        account.look(publishes([(1, 20)]), 17, true);
+        account.look(publishes([(1, 20)]), 17, |_| true);
         assert_eq!(account.due(), 20);
     }
 
@@ -154,14 +155,14 @@ mod tests {
         let mut account = after(&[(0, 0), (0, 0), (100, 90)]);
         let both = |second: u64| publishes([(1, 100), (2, second)]);
         // The second has published five that nobody had a chance to get.
-        account.look(both(5), 90, true);
+        account.look(both(5), 90, |_| true);
         assert_eq!((account.offered(), account.due()), (105, 100));
-        account.look(both(5), 90, true);
+        account.look(both(5), 90, |_| true);
         assert_eq!(account.due(), 100);
-        account.look(both(8), 93, true);
+        account.look(both(8), 93, |_| true);
         assert_eq!(account.due(), 103);
         // Nor does one that took its slot.
-        account.look(publishes([(3, 1)]), 93, true);
+        account.look(publishes([(3, 1)]), 93, |_| true);
         assert_eq!((account.offered(), account.due()), (109, 103));
     }
 
@@ -170,11 +171,11 @@ mod tests {
         let mut account = Account::<u32>::default();
         for published in [5, 6, 7] {
             assert!(account.has_strangers([1].into_iter()));
-            account.look(publishes([(1, published)]), 0, false);
+            account.look(publishes([(1, published)]), 0, |_| false);
         }
         assert_eq!(account.due(), 0);
-        account.look(publishes([(1, 8)]), 0, true);
-        account.look(publishes([(1, 9)]), 1, true);
+        account.look(publishes([(1, 8)]), 0, |_| true);
+        account.look(publishes([(1, 9)]), 1, |_| true);
         assert_eq!((account.due(), account.has_strangers([1].into_iter())), (1, false));
     }
     #[test]
@@ -183,14 +184,14 @@ mod tests {
         assert_eq!(account.due(), 0);
         // The eighth is here, and not yet counted as published.
         let under_way = Publishes { published: 7, offered: 8 };
-        account.look([(1, under_way)].into_iter(), 1, true);
+        account.look([(1, under_way)].into_iter(), 1, |_| true);
         assert_eq!(account.due(), 0);
-        account.look(publishes([(1, 8)]), 1, true);
+        account.look(publishes([(1, 8)]), 1, |_| true);
         assert_eq!(account.due(), 1);
         // One that the middleware did not take after all.
         let refused = Publishes { published: 8, offered: 9 };
-        account.look([(1, refused)].into_iter(), 1, true);
-        account.look(publishes([(1, 8)]), 1, true);
+        account.look([(1, refused)].into_iter(), 1, |_| true);
+        account.look(publishes([(1, 8)]), 1, |_| true);
         assert_eq!((account.due(), account.offered()), (1, 8));
     }
 }

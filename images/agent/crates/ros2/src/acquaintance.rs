@@ -49,6 +49,11 @@ impl<P: Ord> Acquaintance<P> {
         usize::try_from(matched).unwrap_or(usize::MAX).saturating_sub(strangers)
     }
 
+    /// Whether a publisher has reported that it knows us.
+    pub(crate) fn has_reported(&self, publisher: P) -> bool {
+        self.publishers.get(&publisher).is_some_and(Option::is_none)
+    }
+
     /// Whether all that were there know us.
     pub(crate) fn is_whole(&self) -> bool {
         self.strangers == Some(0)

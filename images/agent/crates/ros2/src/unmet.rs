@@ -1,76 +1,138 @@
-//! Publishers of what is recorded that were there when the play began, and whom the recorder did not know
-//! by then: what they have published since and did not reach it is lost, and in nobody else's account.
+//! Publishers of what is recorded whose messages may never have come, since they and the recorder may not have
+//! known each other: those of the play's begin, and those that came later and are strangers at its end. Who has
+//! met is accounted for elsewhere ([`crate::account`]); these are not, and others' messages make up for none of theirs.
 
-use std::collections::BTreeMap;
-use std::sync::{Mutex, PoisonError};
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
 
 use bagpipe_ros2ledger::{Endpoint, EndpointId};
 
-/// By topic, each with what it had published when the play began.
+/// Who came during the play may publish for so long before it and the recorder know each other.
+const LATE: Duration = Duration::from_secs(2);
+
+/// By topic.
 #[derive(Default)]
-pub(crate) struct Unmet(Mutex<BTreeMap<String, BTreeMap<EndpointId, u64>>>);
+pub(crate) struct Unmet(Mutex<BTreeMap<String, Begun>>);
+
+/// A topic, since the play began.
+#[derive(Debug, Default)]
+pub(crate) struct Begun {
+    /// Messages that the recorder had been handed by then.
+    handed: u64,
+    /// What each publisher had published by then that was there.
+    before: BTreeMap<EndpointId, u64>,
+    /// Those of them that the recorder may not have known.
+    strangers: BTreeSet<EndpointId>,
+    /// Those that came later, since when.
+    came: BTreeMap<EndpointId, Instant>,
+}
+
+/// A topic at the end of a play.
+pub(crate) struct Ended<'e> {
+    pub(crate) topic: &'e str,
+    /// All of its publishers, also those that are gone.
+    pub(crate) publishers: Vec<&'e Endpoint>,
+    /// Whether some that are there are not known to the recorder.
+    pub(crate) has_strangers: bool,
+    pub(crate) at: Instant,
+}
+
+impl Begun {
+    /// A topic of which the recorder was `handed` so many, and whose publishers are `there`, each with whether the
+    /// recorder knows it for certain.
+    pub(crate) fn new<'e>(handed: u64, there: impl Iterator<Item = (&'e Endpoint, bool)>) -> Begun {
+        let mut begun = Begun { handed, ..Begun::default() };
+        for (one, known) in there {
+            begun.before.insert(one.id, one.counts.published);
+            if !known {
+                begun.strangers.insert(one.id);
+            }
+        }
+        begun
+    }
+
+    /// What one has published since.
+    fn published(&self, one: &Endpoint) -> u64 {
+        one.counts.published.saturating_sub(self.before.get(&one.id).copied().unwrap_or(0))
+    }
+
+    /// Whether messages of it may be missing that nobody else accounts for.
+    fn suspects(&self, one: &Endpoint, ended: &Ended<'_>) -> bool {
+        let is_late = |since: &Instant| ended.at.saturating_duration_since(*since) >= LATE;
+        self.strangers.contains(&one.id)
+            || (ended.has_strangers && self.came.get(&one.id).is_some_and(is_late))
+    }
+
+    /// How many messages of those lack, once the recorder has been `handed` so many. What others have published
+    /// has come; of who came during the play that is not known, unless somebody has stayed a stranger.
+    fn missing(&self, ended: &Ended<'_>, handed: u64) -> u64 {
+        let (mut theirs, mut others) = (0, 0);
+        for one in &ended.publishers {
+            if self.suspects(one, ended) {
+                theirs += self.published(one);
+            } else if ended.has_strangers || self.before.contains_key(&one.id) {
+                others += self.published(one);
+            }
+        }
+        let came = handed.saturating_sub(self.handed).saturating_sub(others);
+        theirs.saturating_sub(came)
+    }
+
+    fn sentence(&self, ended: &Ended<'_>, handed: u64) -> Option<String> {
+        let missing = self.missing(ended, handed);
+        let theirs = |one: &&&Endpoint| self.suspects(one, ended) && self.published(one) > 0;
+        let nodes = ended.publishers.iter().filter(theirs).map(|one| one.node.as_str());
+        let nodes: BTreeSet<&str> = nodes.collect();
+        let nodes = nodes.into_iter().collect::<Vec<_>>().join(", ");
+        let topic = ended.topic;
+        (missing > 0).then(|| {
+            format!(
+                "{missing} messages of {topic} did not reach the recorder, which {nodes} did not know when the \
+                 play began, or when they came: is there another node of its name, which hides it in the graph? is it \
+                 in the case's domain (ROS_DOMAIN_ID is the agent's)? or had they no processor to find each other?"
+            )
+        })
+    }
+}
 
 impl Unmet {
-    /// Takes in that the play begins without these.
-    pub(crate) fn begin<'e>(&self, unmet: impl Iterator<Item = &'e Endpoint>) {
-        let mut all = BTreeMap::<String, BTreeMap<EndpointId, u64>>::new();
-        for one in unmet {
-            all.entry(one.topic.clone()).or_default().insert(one.id, one.counts.published);
+    fn topics(&self) -> MutexGuard<'_, BTreeMap<String, Begun>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Takes in that the play begins.
+    pub(crate) fn begin(&self, topics: impl Iterator<Item = (String, Begun)>) {
+        *self.topics() = topics.collect();
+    }
+
+    /// Takes in who publishes a recorded topic at a moment of the play.
+    pub(crate) fn look<'e>(
+        &self,
+        topic: &str,
+        there: impl Iterator<Item = &'e Endpoint>,
+        now: Instant,
+    ) {
+        let mut topics = self.topics();
+        let begun = topics.entry(topic.to_owned()).or_default();
+        for one in there.filter(|one| !begun.before.contains_key(&one.id)).collect::<Vec<_>>() {
+            begun.came.entry(one.id).or_insert(now);
         }
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = all;
     }
 
     /// How many messages lack of all topics, of each of which the recorder was `handed` so many.
-    pub(crate) fn missing(&self, endpoints: &[Endpoint], handed: impl Fn(&str) -> u64) -> u64 {
-        let all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let missing = |(topic, begun): (&String, &_)| {
-            published(begun, endpoints).saturating_sub(handed(topic))
+    pub(crate) fn missing(&self, ended: &[Ended<'_>], handed: impl Fn(&str) -> u64) -> u64 {
+        let topics = self.topics();
+        let missing = |one: &Ended<'_>| {
+            topics.get(one.topic).map_or(0, |begun| begun.missing(one, handed(one.topic)))
         };
-        all.iter().map(missing).sum()
+        ended.iter().map(missing).sum()
     }
 
     /// The same as sentences, one for each topic of which some lack.
-    pub(crate) fn lacking(
-        &self,
-        endpoints: &[Endpoint],
-        handed: impl Fn(&str) -> u64,
-    ) -> Vec<String> {
-        let all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        all.iter()
-            .filter_map(|(topic, begun)| lacks(topic, begun, endpoints, handed(topic)))
-            .collect()
+    pub(crate) fn lacking(&self, ended: &[Ended<'_>], handed: impl Fn(&str) -> u64) -> Vec<String> {
+        let topics = self.topics();
+        let sentence = |one: &Ended<'_>| topics.get(one.topic)?.sentence(one, handed(one.topic));
+        ended.iter().filter_map(sentence).collect()
     }
-}
-
-/// Those of the endpoints that were unmet, each with what it had published by then.
-fn own<'e>(
-    begun: &'e BTreeMap<EndpointId, u64>,
-    endpoints: &'e [Endpoint],
-) -> impl Iterator<Item = (&'e Endpoint, &'e u64)> {
-    endpoints.iter().filter_map(|one| Some((one, begun.get(&one.id)?)))
-}
-
-/// What these have published since the play began.
-fn published(begun: &BTreeMap<EndpointId, u64>, endpoints: &[Endpoint]) -> u64 {
-    own(begun, endpoints).map(|(one, before)| one.counts.published.saturating_sub(*before)).sum()
-}
-
-fn lacks(
-    topic: &str,
-    begun: &BTreeMap<EndpointId, u64>,
-    endpoints: &[Endpoint],
-    handed: u64,
-) -> Option<String> {
-    let mut nodes: Vec<&str> = own(begun, endpoints).map(|(one, _)| one.node.as_str()).collect();
-    nodes.sort_unstable();
-    nodes.dedup();
-    let missing = published(begun, endpoints).saturating_sub(handed);
-    (missing > 0).then(|| {
-        format!(
-            "{missing} messages of {topic} did not reach the recorder, which {} did not know when the play \
-             began: is there another node of its name, which hides it in the graph? is it in the case's \
-             domain (ROS_DOMAIN_ID is the agent's)? or had they no processor to find each other?",
-            nodes.join(", ")
-        )
-    })
 }

@@ -174,6 +174,7 @@ impl Node for Graph {
             self.compare_types(input, &nodes, &look.endpoints);
         }
         self.look_for_unnamed(&nodes, &look);
+        self.look_for_unmet(&look);
         Ok(Seen { state, again: 0 })
     }
 
@@ -236,6 +237,8 @@ impl Node for Graph {
     }
 
     fn lacking(&self) -> Vec<String> {
+        // Before what is due, whose marks are its own.
+        let mut lacking = self.unmet();
         let due = match self.due_at_last() {
             Ok(due) => due,
             Err(error) => {
@@ -249,7 +252,6 @@ impl Node for Graph {
                 due.iter().for_each(|(input, _)| self.compare_types(input, &nodes, &endpoints));
             }
         }
-        let mut lacking = self.unmet();
         lacking.extend(self.inputs.failure());
         // Who came behind the last message has got those that are kept.
         lacking.extend(self.topics().iter().filter_map(|topic| topic.misread().map(str::to_owned)));

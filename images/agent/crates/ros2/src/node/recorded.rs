@@ -5,7 +5,7 @@ use std::sync::{Arc, PoisonError};
 use std::time::{Duration, Instant};
 
 use bagpipe_graph::{GraphError, Publication, Publisher};
-use bagpipe_ros2ledger::{Endpoint, Kind};
+use bagpipe_ros2ledger::{Endpoint, EndpointId, Kind};
 use bagpipe_ros2player::{GraphNode, GraphTopic, Qos};
 
 use super::Graph;
@@ -15,6 +15,7 @@ use crate::definition::{installed, schema_encoding};
 use crate::error::failed;
 use crate::recording::Input;
 use crate::topic::{Look, uncounted};
+use crate::unmet::{Begun, Ended};
 use crate::{qos, stamp};
 
 /// How long a message may be on its way to us once all is over.
@@ -98,9 +99,9 @@ impl Graph {
     /// Takes in what was published on a recorded topic and handed on, by now.
     pub(super) fn compare(&self, input: &Input, handed: u64, look: &Look) {
         let all = || published_on(&input.topic, &look.endpoints);
-        let met = self.has_met(input, look);
+        let met = self.met(input, look);
         let now = all().map(|one| (one.id, Publishes::of(&one.counts)));
-        input.account().look(now, handed, met);
+        input.account().look(now, handed, |one| met.contains(one));
         for one in all().filter(|one| one.counts.published > 0) {
             if let Some(why) = qos::unrecordable(&one.qos, &input.qos) {
                 input.unrecordable().insert(format!(
@@ -147,43 +148,95 @@ impl Graph {
         })
     }
 
-    /// Takes in which of the stack's publishers of a recorded topic know us; whether all do, and we
-    /// know as many as there are.
-    fn has_met(&self, input: &Input, look: &Look) -> bool {
+    /// Takes in which of the stack's publishers of a recorded topic know us; those that do and that we know: all where
+    /// we know as many as there are, and beside strangers those that report it, if we know as many.
+    fn met(&self, input: &Input, look: &Look) -> BTreeSet<EndpointId> {
         let there: Vec<&Endpoint> = look.there(Kind::Publisher, &input.topic).collect();
         let subscribed = look.there(Kind::Subscription, &input.topic).count();
         let reported = there.iter().map(|one| (one.id, one.matched));
-        input.acquaintance().look(Instant::now(), reported, subscribed);
+        let mut acquaintance = input.acquaintance();
+        acquaintance.look(Instant::now(), reported, subscribed);
         let all = || published_on(&input.topic, &look.endpoints).map(|one| one.id);
         // The player is asked no more once all have met.
-        if !input.acquaintance().is_whole() || !input.account().has_strangers(all()) {
-            return false;
+        if !input.account().has_strangers(all()) {
+            return BTreeSet::new();
         }
-        let known = self.means.player.publishers(input.subscription);
-        known.is_ok_and(|known| known >= there.len() as u64)
+        let known = self.means.player.publishers(input.subscription).unwrap_or_default();
+        let reporting: BTreeSet<EndpointId> =
+            there.iter().map(|one| one.id).filter(|one| acquaintance.has_reported(*one)).collect();
+        if acquaintance.is_whole() && known >= there.len() as u64 {
+            return all().collect();
+        }
+        if known >= reporting.len() as u64 { reporting } else { BTreeSet::new() }
     }
 
-    /// Takes in that the play begins, and without which publishers of what is recorded: those that don't know the
-    /// recorder yet, or whose topic's type is not known.
+    /// Takes in that the play begins, and which publishers of what is recorded may not know the recorder yet, nor
+    /// it them: of a topic whose type is not known, all.
     pub(super) fn begin_without_unmet(&self) {
         // A ledger that can't be read fails the next look.
         let Ok(look) = Look::at(self.ledger()) else { return };
-        let met = |input: &Arc<Input>| input.acquaintance().is_whole();
-        let recorded = self.inputs.all().into_iter().filter(|input| !met(input));
-        let topics = recorded.map(|input| input.topic.clone());
-        let topics: Vec<String> = topics.chain(self.wanted().iter().cloned()).collect();
-        self.unmet.begin(topics.iter().flat_map(|topic| look.there(Kind::Publisher, topic)));
+        let recorded = self.inputs.all().into_iter().map(|input| {
+            let there: Vec<&Endpoint> = look.there(Kind::Publisher, &input.topic).collect();
+            let all = input.acquaintance().is_whole() && !self.has_strangers(&input, there.len());
+            let known = |one: &&Endpoint| all || input.acquaintance().has_reported(one.id);
+            let there = there.into_iter().map(|one| (one, known(&one)));
+            (input.topic.clone(), Begun::new(input.arrivals.handed(), there))
+        });
+        let recorded: Vec<(String, Begun)> = recorded.collect();
+        let wanted = self.wanted().clone().into_iter().map(|topic| {
+            let there = look.there(Kind::Publisher, &topic).map(|one| (one, false));
+            let begun = Begun::new(0, there);
+            (topic, begun)
+        });
+        self.unmet.begin(recorded.into_iter().chain(wanted));
+    }
+
+    /// Takes in who publishes what is recorded by now.
+    pub(super) fn look_for_unmet(&self, look: &Look) {
+        let now = Instant::now();
+        for topic in self.recorded_topics() {
+            self.unmet.look(&topic, look.there(Kind::Publisher, &topic), now);
+        }
+    }
+
+    fn recorded_topics(&self) -> Vec<String> {
+        let known = self.inputs.all().into_iter().map(|input| input.topic.clone());
+        known.chain(self.wanted().iter().cloned()).collect()
+    }
+
+    /// Whether the recorder has matched fewer publishers than there are.
+    fn has_strangers(&self, input: &Input, there: usize) -> bool {
+        let known = self.means.player.publishers(input.subscription);
+        known.is_ok_and(|known| known < there as u64)
     }
 
     /// What these have published since and did not come, as sentences.
     pub(super) fn unmet(&self) -> Vec<String> {
         // What was published can't be known then, which is reported.
-        let Ok(endpoints) = self.ledger().endpoints() else { return Vec::new() };
-        let handed = |topic: &str| self.inputs.of(topic).map_or(0, |input| input.arrivals.handed());
+        let Ok(look) = Look::at(self.ledger()) else { return Vec::new() };
+        // Behind the counts, so that what is published by who goes on makes up for nothing.
+        self.inputs.all().iter().for_each(|input| input.arrivals.mark(source_now));
+        let topics = self.recorded_topics();
+        let at = Instant::now();
+        let ended: Vec<Ended<'_>> = topics
+            .iter()
+            .map(|topic| {
+                let there = look.there(Kind::Publisher, topic).count();
+                let input = self.inputs.of(topic);
+                Ended {
+                    topic,
+                    publishers: published_on(topic, &look.endpoints).collect(),
+                    has_strangers: input.is_none_or(|input| self.has_strangers(&input, there)),
+                    at,
+                }
+            })
+            .collect();
+        let handed =
+            |topic: &str| self.inputs.of(topic).map_or(0, |one| one.arrivals.handed_by_mark());
         // What went out just then is on its way.
-        let missing = || self.unmet.missing(&endpoints, handed);
+        let missing = || self.unmet.missing(&ended, handed);
         self.inputs.await_arrivals(ON_ITS_WAY, self.means.stall, missing);
-        self.unmet.lacking(&endpoints, handed)
+        self.unmet.lacking(&ended, handed)
     }
 
     /// What each recorded topic must have handed on by now at least, of what is published by this
@@ -204,7 +257,7 @@ impl Graph {
             let now: Vec<_> = now.map(|one| (one.id, Publishes::of(&again(one)))).collect();
             // Behind the counts: whoever publishes counts it after its message has a stamp.
             input.arrivals.mark(source_now);
-            input.account().look(now.into_iter(), handed, false);
+            input.account().look(now.into_iter(), handed, |_| false);
             let due = input.account().due();
             (input, due)
         });

@@ -10,6 +10,7 @@ mod scene;
 #[path = "../../../ros2player/tests/standin/mod.rs"]
 mod standin;
 mod stopped;
+mod strangers;
 mod unclear;
 mod unmatched;
 mod whole;
