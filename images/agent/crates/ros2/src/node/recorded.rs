@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::sync::{Arc, PoisonError};
 use std::time::{Duration, Instant};
 
-use bagpipe_graph::{GraphError, Publication, Publisher};
+use bagpipe_graph::{GraphError, Node, Publication, Publisher};
 use bagpipe_ros2ledger::{Endpoint, EndpointId, Kind};
 use bagpipe_ros2player::{GraphNode, GraphTopic, Qos};
 
@@ -194,14 +194,9 @@ impl Graph {
     /// Takes in who publishes what is recorded by now.
     pub(super) fn look_for_unmet(&self, look: &Look) {
         let now = Instant::now();
-        for topic in self.recorded_topics() {
+        for topic in self.subscribed_topics() {
             self.unmet.look(&topic, look.there(Kind::Publisher, &topic), now);
         }
-    }
-
-    fn recorded_topics(&self) -> Vec<String> {
-        let known = self.inputs.all().into_iter().map(|input| input.topic.clone());
-        known.chain(self.wanted().iter().cloned()).collect()
     }
 
     /// Whether the recorder has matched fewer publishers than there are.
@@ -216,7 +211,7 @@ impl Graph {
         let Ok(look) = Look::at(self.ledger()) else { return Vec::new() };
         // Behind the counts, so that what is published by who goes on makes up for nothing.
         self.inputs.all().iter().for_each(|input| input.arrivals.mark(source_now));
-        let topics = self.recorded_topics();
+        let topics = self.subscribed_topics();
         let at = Instant::now();
         let ended: Vec<Ended<'_>> = topics
             .iter()
