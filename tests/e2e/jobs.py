@@ -101,9 +101,35 @@ def delete(namespace: str, name: str) -> None:
     k.kubectl("-n", namespace, "delete", *what, seconds=320)
 
 
-def objects_of(namespace: str) -> list[str]:
-    """Every pod, ConfigMap and job of a namespace but the tests' own toolbox and the cluster's."""
+def await_none_left(namespace: str) -> None:
+    """Wait until a namespace has no job and nothing of one. The failure names what is left."""
+    left: list[str] = []
+
+    def look() -> bool:
+        left[:] = _left_in(namespace)
+        return not left
+
+    waiting.wait_until(look, 240, lambda: "these are left: " + "; ".join(left), 0.5)
+
+
+def _left_in(namespace: str) -> list[str]:
+    """Every pod, ConfigMap and job of a namespace but the tests' own toolbox and the cluster's,
+    with since when it is being deleted, for how long it may, and which of its containers run."""
     found = k.items(namespace, "simulationjobs,pods,configmaps")
-    names = [f"{each['kind']}/{each['metadata']['name']}" for each in found]
-    own = {f"Pod/{k.TOOLBOX}", "ConfigMap/kube-root-ca.crt"}
-    return sorted(set(names) - own)
+    own = {("Pod", k.TOOLBOX), ("ConfigMap", "kube-root-ca.crt")}
+    left = [each for each in found if (each["kind"], each["metadata"]["name"]) not in own]
+    return [_described(each) for each in left]
+
+
+def _described(each: k.Object) -> str:
+    meta, status = each["metadata"], each.get("status", {})
+    containers = [
+        f"{one['name']} {next(iter(one['state']), 'unknown')}"
+        for kind in ("initContainerStatuses", "containerStatuses")
+        for one in status.get(kind, [])
+    ]
+    return (
+        f"{each['kind']}/{meta['name']} (to be gone by {meta.get('deletionTimestamp', 'never')}, "
+        f"grace period {meta.get('deletionGracePeriodSeconds', 'none')}, "
+        f"{', '.join(containers) or 'no containers'})"
+    )

@@ -76,7 +76,7 @@ def ended(namespace: str) -> Iterator[dict[str, k.Object]]:
             job = jobs.make_job(bad.name, **bad.changed)
             existing.enter_context(jobs.applied(namespace, job))
         yield {bad.name: jobs.ended(namespace, bad.name, 400) for bad in [*BAGS, *STACKS, CRASHES]}
-    k.await_that("everything to be gone", lambda: not jobs.objects_of(namespace), 240)
+    jobs.await_none_left(namespace)
 
 
 @pytest.mark.parametrize("bad", BAGS + STACKS, ids=lambda bad: bad.name)

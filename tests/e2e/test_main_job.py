@@ -2,6 +2,10 @@
 
 import itertools
 import posixpath
+import subprocess
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import pytest
 import yaml
@@ -20,9 +24,37 @@ def recorded_topics(namespace: str, path: str) -> dict[str, int]:
 
 
 def test_the_examples_job_is_complete_and_lossless(namespace: str) -> None:
-    with jobs.applied(namespace, jobs.example()) as name:
+    with jobs.applied(namespace, jobs.example()) as name, graces_of(namespace) as graces:
         _check_the_examples_job(namespace, _ended_on_two_executors(namespace, name))
-    k.await_that("everything to be gone", lambda: not jobs.objects_of(namespace), 240)
+    jobs.await_none_left(namespace)
+    # Not the ten minutes of a case that ends: there is none any more.
+    assert [set(each) - {"0"} for each in graces().values()] == [{"10"}] * 2
+
+
+@contextmanager
+def graces_of(namespace: str) -> Iterator[Callable[[], dict[str, list[str]]]]:
+    """The grace periods, in seconds, with which executors are deleted meanwhile, by their pods."""
+    line = '{.metadata.name} {.metadata.deletionGracePeriodSeconds}{"\\n"}'
+    watch = [
+        *("kubectl", "-n", namespace, "get", "pods", "-l", "sim.bagpipe.io/role=executor"),
+        *("--watch", "-o", f"jsonpath={line}"),
+    ]
+    with (
+        tempfile.TemporaryFile("w+") as seen,
+        subprocess.Popen(watch, stdout=seen, env=k.tool_environment()) as process,
+    ):
+
+        def graces() -> dict[str, list[str]]:
+            seen.seek(0)
+            found: dict[str, list[str]] = {}
+            for name, *grace in map(str.split, seen.read().splitlines()):
+                found.setdefault(name, []).extend(grace)
+            return found
+
+        try:
+            yield graces
+        finally:
+            process.terminate()
 
 
 def _ended_on_two_executors(namespace: str, name: str) -> k.Object:
@@ -76,4 +108,4 @@ def test_deleting_a_running_job_leaves_nothing_behind(namespace: str) -> None:
             return bool(status.get("cases", {}).get("running", 0) == 1)
 
         k.await_that("its case to run", running, 300)
-    k.await_that("everything to be gone", lambda: not jobs.objects_of(namespace), 240)
+    jobs.await_none_left(namespace)

@@ -32,6 +32,7 @@ class FakeApi:
     version: int = 100
     events_about: dict[str, list[Json]] = field(default_factory=dict)  # by UID
     shown: list[Json] = field(default_factory=list)  # manifests of dry runs
+    graces: dict[str, int | None] = field(default_factory=dict)  # of deleted pods, in seconds
     terminating: bool = False  # pods that are deleted stay for their grace period
 
     def fail(self, call: str, *errors: BaseException) -> None:
@@ -70,8 +71,11 @@ class FakeApi:
         self._called(f"events of {uid}")
         return copy.deepcopy(self.events_about.get(uid, []))
 
-    async def delete_pod(self, namespace: str, name: str, uid: str) -> bool:
+    async def delete_pod(
+        self, namespace: str, name: str, uid: str, grace_seconds: int | None = None
+    ) -> bool:
         self._called(f"delete {name}")
+        self.graces[name] = grace_seconds
         pod = self.objects.get(("pods", name))
         if pod is None or pod["metadata"]["uid"] != uid:
             return False

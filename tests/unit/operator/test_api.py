@@ -59,6 +59,7 @@ async def test_the_calls() -> None:
         assert await api.create("pods", manifest) == {"kind": "Any"}
         await api.get("configmaps", "lanes", "x-1")
         assert await api.delete_pod("lanes", "p", "uid-of-p") is True
+        assert await api.delete_pod("lanes", "p", "uid-of-p", 10) is True
         await api.get_job("lanes", "x")
         await api.patch_status("lanes", "x", patch)
         await api.try_create("pods", manifest)
@@ -69,6 +70,7 @@ async def test_the_calls() -> None:
         ("POST", "/api/v1/namespaces/lanes/pods", plain, manifest),
         ("GET", "/api/v1/namespaces/lanes/configmaps/x-1", None, None),
         ("DELETE", "/api/v1/namespaces/lanes/pods/p", plain, options),
+        ("DELETE", "/api/v1/namespaces/lanes/pods/p", plain, options | {"gracePeriodSeconds": 10}),
         ("GET", f"{JOBS}/namespaces/lanes/simulationjobs/x", None, None),
         ("PATCH", f"{JOBS}/namespaces/lanes/simulationjobs/x/status", merge, patch),
         ("POST", "/api/v1/namespaces/lanes/pods?dryRun=All", plain, manifest),

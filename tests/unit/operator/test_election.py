@@ -382,7 +382,9 @@ async def test_a_write_that_hangs_ends_with_the_lead() -> None:
             await asyncio.Event().wait()
             return await super().get_job(namespace, name)
 
-        async def delete_pod(self, namespace: str, name: str, uid: str) -> bool:
+        async def delete_pod(
+            self, namespace: str, name: str, uid: str, _grace_seconds: int | None = None
+        ) -> bool:
             return bool(await self.get_job(namespace, f"{name} {uid}"))
 
     clock = asyncio.get_running_loop().time

@@ -102,6 +102,8 @@ async def test_a_running_job_is_stopped_driver_first_and_goes_on_as_another_atte
     world.view.put_pod(last)
     await world.reconcile(after=1)
     assert world.api.calls[-1] == "delete x-1-exec-1"
+    # A driver needs its own grace period to keep what is done; an executor without one, none.
+    assert world.api.graces == {"x-1-driver": None, "x-1-exec-1": 10}
     assert world.status()["cases"]["passed"] == 2
     gone(world, "x-1-driver", "x-1-exec-1")
     await world.reconcile(after=1)

@@ -181,11 +181,13 @@ async def test_a_write_that_outlasts_a_renewal_is_made_again() -> None:
     class Slow(FakeApi):
         """Its first deletion gets no answer."""
 
-        async def delete_pod(self, namespace: str, name: str, uid: str) -> bool:
+        async def delete_pod(
+            self, namespace: str, name: str, uid: str, grace_seconds: int | None = None
+        ) -> bool:
             self._called("slow delete")
             if self.calls.count("slow delete") == 1:
                 await asyncio.Event().wait()
-            return await super().delete_pod(namespace, name, uid)
+            return await super().delete_pod(namespace, name, uid, grace_seconds)
 
     world, loop = World(), asyncio.get_running_loop()
     await ended(world)

@@ -77,8 +77,13 @@ class Api(Objects, Protocol):
     async def events_of(self, namespace: str, uid: str) -> list[Json]:
         """At most MOST_EVENTS Events about the object with that UID."""
 
-    async def delete_pod(self, namespace: str, name: str, uid: str) -> bool:
-        """Deletes a pod if it still is the one with that UID; says whether it was there."""
+    async def delete_pod(
+        self, namespace: str, name: str, uid: str, grace_seconds: int | None = None
+    ) -> bool:
+        """Deletes a pod if it still is the one with that UID; says whether it was there.
+
+        It has its own grace period unless another is given.
+        """
 
     async def get_job(self, namespace: str, name: str) -> Json:
         """One SimulationJob."""
@@ -147,8 +152,11 @@ class KubernetesApi:
         found = await self._call("GET", f"/api/v1/namespaces/{namespace}/events?{query}")
         return list(found.get("items") or [])
 
-    async def delete_pod(self, namespace: str, name: str, uid: str) -> bool:
-        return await self._delete(f"/api/v1/namespaces/{namespace}/pods/{name}", uid)
+    async def delete_pod(
+        self, namespace: str, name: str, uid: str, grace_seconds: int | None = None
+    ) -> bool:
+        grace = {} if grace_seconds is None else {"gracePeriodSeconds": grace_seconds}
+        return await self._delete(f"/api/v1/namespaces/{namespace}/pods/{name}", uid, grace)
 
     async def get_job(self, namespace: str, name: str) -> Json:
         return await self._call("GET", self._job_path(namespace, name))

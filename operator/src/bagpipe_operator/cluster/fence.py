@@ -85,8 +85,12 @@ class FencedApi:
     async def get(self, resource: str, namespace: str, name: str) -> Json:
         return await self._api.get(resource, namespace, name)
 
-    async def delete_pod(self, namespace: str, name: str, uid: str) -> bool:
-        return await self._leading(namespace, lambda: self._api.delete_pod(namespace, name, uid))
+    async def delete_pod(
+        self, namespace: str, name: str, uid: str, grace_seconds: int | None = None
+    ) -> bool:
+        return await self._leading(
+            namespace, lambda: self._api.delete_pod(namespace, name, uid, grace_seconds)
+        )
 
     async def get_job(self, namespace: str, name: str) -> Json:
         return await self._api.get_job(namespace, name)

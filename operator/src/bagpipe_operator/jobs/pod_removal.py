@@ -8,6 +8,11 @@ from bagpipe_operator.cluster.client import Api
 from bagpipe_operator.jobs.policies.places import living, needs_stop
 from bagpipe_operator.jobs.view import JobView, PodView, View
 
+# For an executor whose driver has ended or was replaced: whatever it runs counts for nothing. Its
+# own grace period is for a case that ends, and a kubelet that can't stop the main container keeps
+# the sidecars for all of it.
+EXECUTOR_GRACE_SECONDS = 10
+
 
 class PodRemoval:
     """One per operator; every method raises ApiError."""
@@ -19,7 +24,8 @@ class PodRemoval:
 
     async def delete(self, pod: PodView) -> None:
         """Deletes a pod; if it went while the watch was being restarted, no event reports it."""
-        if not await self._api.delete_pod(pod.namespace, pod.name, pod.uid):
+        grace = None if pod.role == names.ROLE_DRIVER else EXECUTOR_GRACE_SECONDS
+        if not await self._api.delete_pod(pod.namespace, pod.name, pod.uid, grace):
             self._view.drop_pod(pod)
 
     async def of_earlier_attempts(self, job: JobView) -> None:

@@ -66,10 +66,12 @@ class Api(FakeApi):
                 meta |= {"uid": f"{key[1]}-{self.version}", "resourceVersion": str(self.version)}
         return copy.deepcopy(self.objects[key])
 
-    async def delete_pod(self, namespace: str, name: str, uid: str) -> bool:
+    async def delete_pod(
+        self, namespace: str, name: str, uid: str, grace_seconds: int | None = None
+    ) -> bool:
         self.world.check_deletion(name, uid)
         try:
-            return await super().delete_pod(namespace, name, uid)
+            return await super().delete_pod(namespace, name, uid, grace_seconds)
         finally:
             if ("pods", name) not in self.objects:
                 self.world.dies(uid)

@@ -1,8 +1,9 @@
-"""Questions to the cluster's API server, with the account of the driver's own pod."""
+"""Calls of the cluster's API server, with the account of the driver's own pod."""
 
 import json
 import ssl
 import urllib.request
+from collections.abc import Mapping
 from http.client import HTTPException
 from pathlib import Path
 from typing import Any
@@ -20,13 +21,32 @@ def get_json(
 ) -> Any:
     """The answer to a GET. Raises OSError (an HTTPError where it is refused), and ValueError for an
     answer that is not JSON."""
+    return _call("GET", path, None, server, account, patience_seconds)
+
+
+def delete(path: str, options: Mapping[str, Any], server: str, account: Path) -> None:
+    """Delete what is at a path, one object or those of a selector. Raises as `get_json` does."""
+    _call("DELETE", path, json.dumps(options).encode(), server, account, _PATIENCE_SECONDS)
+
+
+def _call(
+    method: str,
+    path: str,
+    body: bytes | None,
+    server: str,
+    account: Path,
+    patience_seconds: float,
+) -> Any:
     tls = ssl.create_default_context(cafile=str(account / "ca.crt")) if "https" in server else None
     # No proxy of the environment: this is the cluster's own server.
     handlers = [urllib.request.ProxyHandler({}), urllib.request.HTTPSHandler(context=tls)]
     opener = urllib.request.build_opener(*handlers)
     token = (account / "token").read_text().strip()
     request = urllib.request.Request(  # noqa: S310  our own server
-        f"{server}{path}", headers={"Authorization": f"Bearer {token}"}
+        f"{server}{path}",
+        body,
+        {"Authorization": f"Bearer {token}", "Content-Type": "application/json"},
+        method=method,
     )
     try:
         with opener.open(request, timeout=patience_seconds) as answer:

@@ -39,8 +39,13 @@ def _lasting(settings: Settings) -> dict[str, str]:
 class KeptSpark:
     """At most one SparkContext, which is all that a process may have. For one thread."""
 
-    def __init__(self, start: Callable[[Settings], SparkContext]) -> None:
-        self._start = start
+    def __init__(
+        self,
+        start: Callable[[Settings], SparkContext],
+        before_stop: Callable[[SparkContext], None] = lambda _spark: None,
+    ) -> None:
+        """`before_stop` takes a Spark that stops next; it raises nothing."""
+        self._start, self._before_stop = start, before_stop
         self._spark: SparkContext | None = None
         self._settings: Settings = {}
 
@@ -71,6 +76,7 @@ class KeptSpark:
         """Spark and its executors are gone when this returns."""
         spark, self._spark = self._spark, None
         if spark is not None:
+            self._before_stop(spark)
             spark.stop()
 
     def _busy(self) -> bool:

@@ -1,0 +1,100 @@
+"""Executors at the end of their driver: deleted in seconds, and before Spark does it in minutes."""
+
+import json
+import threading
+from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any, ClassVar
+from urllib.parse import parse_qs, urlsplit
+
+import pytest
+
+from bagpipe.driver.executor_removal import remove_executors
+from bagpipe.driver.kept_spark import KeptSpark
+
+
+class ApiServer(BaseHTTPRequestHandler):
+    """It keeps what is asked of it by whoever has the token."""
+
+    asked: ClassVar[list[Any]] = []
+    answer: ClassVar[bytes] = b'{"kind": "PodList", "items": []}'
+
+    def do_DELETE(self) -> None:
+        body = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
+        if self.headers["Authorization"] != "Bearer the-token":
+            self.send_error(403)
+            return
+        url = urlsplit(self.path)
+        self.asked.append((url.path, parse_qs(url.query), self.headers["Content-Type"], body))
+        self.send_response(200)
+        self.end_headers()
+        self.wfile.write(self.answer)
+
+    def log_message(self, *_arguments: object) -> None:
+        pass
+
+
+@pytest.fixture
+def api() -> Iterator[str]:
+    ApiServer.asked.clear()
+    with ThreadingHTTPServer(("127.0.0.1", 0), ApiServer) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{server.server_port}"
+        server.shutdown()
+
+
+class Spark:
+    """As much of a SparkContext as its end needs."""
+
+    applicationId = "spark-1a2b"  # noqa: N815  Spark's own name
+
+    def __init__(self) -> None:
+        self.asked_before: int | None = None
+
+    def stop(self) -> None:
+        self.asked_before = len(ApiServer.asked)
+
+
+class Gone(Spark):
+    @property
+    def applicationId(self) -> str:  # type: ignore[override]  # noqa: N802
+        raise ConnectionRefusedError("the JVM is gone")
+
+
+def ended(spark: Spark, api: str, account: Path) -> Spark:
+    kept = KeptSpark(
+        lambda _settings: spark,  # type: ignore[arg-type, return-value]
+        lambda given: remove_executors(given, "lab", api, account),
+    )
+    kept.of({})
+    kept.end()
+    kept.end()  # the driver's last word, after its job's
+    return spark
+
+
+def test_they_have_seconds_and_not_the_time_of_a_case(api: str, tmp_path: Path) -> None:
+    (tmp_path / "token").write_text("the-token\n")
+    assert ended(Spark(), api, tmp_path).asked_before == 1
+    selected = {"labelSelector": ["spark-app-selector=spark-1a2b,spark-role=executor"]}
+    options = {"apiVersion": "v1", "kind": "DeleteOptions", "gracePeriodSeconds": 10}
+    path = "/api/v1/namespaces/lab/pods"
+    assert ApiServer.asked == [(path, selected, "application/json", options)]
+
+
+@pytest.mark.parametrize("answer", [b"<html>", b""])
+def test_an_answer_that_is_none_ends_no_driver(
+    answer: bytes, api: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "token").write_text("the-token")
+    monkeypatch.setattr(ApiServer, "answer", answer)
+    assert ended(Spark(), api, tmp_path).asked_before == 1
+
+
+@pytest.mark.parametrize("spark", [Spark(), Gone()])
+def test_where_it_can_t_be_done_spark_stops_in_its_own_way(
+    spark: Spark, api: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    (tmp_path / "token").write_text("another")
+    assert ended(spark, api, tmp_path).asked_before == 0
+    assert "the executors have the grace period of their pods" in caplog.text
