@@ -282,7 +282,7 @@ fn what_one_of_two_lost_of_the_lead_in_hides_nothing_that_the_other_lost_of_the_
 /// The warnings of a play beside a program of DDS that is no node.
 fn warnings_beside(arguments: &[&str]) -> Vec<String> {
     let scene = Scene::new();
-    let _relay = scene.start("standin_node", &relay("/relay", TEN, &[]));
+    let _relay = scene.start("standin_node", &relay("/relay", DEEP, &[]));
     let _program = scene.start_uncounted("dds_relay", arguments);
     scene.await_subscriptions(1);
     let ask = Ask { rate: 0.1, ..REALTIME };
@@ -304,7 +304,7 @@ fn a_program_of_dds_that_is_no_node_is_named_by_the_topic_that_it_reads() {
 #[test]
 fn what_the_command_line_publishes_beside_the_stack_is_compared_with_nothing() {
     let scene = Scene::new();
-    let _relay = scene.start("standin_node", &relay("/relay", TEN, &[]));
+    let _relay = scene.start("standin_node", &relay("/relay", DEEP, &[]));
     let people = ["--name", "/_ros2cli_7", "--pub", "/out:std_msgs/msg/String:10:reliable"];
     let _people = scene.start_uncounted("standin_node", &people);
     scene.await_subscriptions(1);
