@@ -4,7 +4,7 @@ import itertools
 import posixpath
 import subprocess
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
@@ -28,33 +28,30 @@ def test_the_examples_job_is_complete_and_lossless(namespace: str) -> None:
         _check_the_examples_job(namespace, _ended_on_two_executors(namespace, name))
     jobs.await_none_left(namespace)
     # Not the ten minutes of a case that ends: there is none any more.
-    assert [set(each) - {"0"} for each in graces().values()] == [{"10"}] * 2
+    assert [set(each) - {"0"} for each in graces.values()] == [{"10"}] * 2
 
 
 @contextmanager
-def graces_of(namespace: str) -> Iterator[Callable[[], dict[str, list[str]]]]:
-    """The grace periods, in seconds, with which executors are deleted meanwhile, by their pods."""
+def graces_of(namespace: str) -> Iterator[dict[str, list[str]]]:
+    """The grace periods, in seconds, with which executors were deleted, by their pods: after it."""
     line = '{.metadata.name} {.metadata.deletionGracePeriodSeconds}{"\\n"}'
     watch = [
         *("kubectl", "-n", namespace, "get", "pods", "-l", "sim.bagpipe.io/role=executor"),
         *("--watch", "-o", f"jsonpath={line}"),
     ]
+    graces: dict[str, list[str]] = {}
     with (
         tempfile.TemporaryFile("w+") as seen,
         subprocess.Popen(watch, stdout=seen, env=k.tool_environment()) as process,
     ):
-
-        def graces() -> dict[str, list[str]]:
-            seen.seek(0)
-            found: dict[str, list[str]] = {}
-            for name, *grace in map(str.split, seen.read().splitlines()):
-                found.setdefault(name, []).extend(grace)
-            return found
-
         try:
             yield graces
         finally:
             process.terminate()
+            process.wait(10)
+            seen.seek(0)
+            for name, *grace in map(str.split, seen.read().splitlines()):
+                graces.setdefault(name, []).extend(grace)
 
 
 def _ended_on_two_executors(namespace: str, name: str) -> k.Object:
