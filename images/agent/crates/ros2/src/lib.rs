@@ -40,6 +40,7 @@ mod topic;
 mod undetermined;
 mod unmet;
 mod unnamed;
+mod untyped;
 
 pub use middleware::Ros2;
 pub use options::Ros2Options;

@@ -293,11 +293,11 @@ fn warnings_beside(arguments: &[&str]) -> Vec<String> {
 
 #[test]
 fn a_program_of_dds_that_is_no_node_is_named_by_the_topic_that_it_reads() {
-    let reads = "programs of DDS that are no nodes subscribe to /in (at least 1), so that what they got of \
-                 ours can't be known";
+    let reads = "programs of DDS that are no nodes, or nodes of a name that another has, subscribe to /in \
+                 (at least 1), so that what they got of ours can't be known";
     assert_eq!(warnings_beside(&["/in", "/other", "sensor_msgs/Imu"]), [reads]);
-    let writes = "programs of DDS that are no nodes publish /out (at least 1), so that whether all of it was \
-                  recorded can't be known";
+    let writes = "programs of DDS that are no nodes, or nodes of a name that another has, publish /out (at \
+                  least 1), so that whether all of it was recorded can't be known";
     assert_eq!(warnings_beside(&["/other", "/out", "std_msgs/String"]), [writes]);
 }
 

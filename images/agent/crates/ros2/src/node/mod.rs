@@ -25,6 +25,7 @@ use crate::stillness::Stillness;
 use crate::topic::{Means, Topic};
 use crate::undetermined::Undetermined;
 use crate::unmet::Unmet;
+use crate::untyped::Untyped;
 use crate::{QosOverride, Ros2Options, qos};
 
 /// A node of ours: the player's, with what the ledger says of the others.
@@ -41,6 +42,7 @@ pub(crate) struct Graph {
     stillness: Stillness,
     undetermined: Undetermined,
     unmet: Unmet,
+    untyped: Untyped,
     /// Whether what was published did once not come to us.
     lacked: AtomicBool,
     /// Whether every node counted and did its work at the last look.
@@ -87,6 +89,7 @@ impl Graph {
             stillness: Stillness::default(),
             undetermined: Undetermined::default(),
             unmet: Unmet::default(),
+            untyped: Untyped::default(),
             lacked: AtomicBool::new(false),
             all_spin: AtomicBool::new(false),
         })
@@ -190,6 +193,7 @@ impl Node for Graph {
         // A ledger that can't be read fails the next look.
         let _ = self.undetermined.begin(self.ledger());
         self.begin_without_unmet();
+        self.untyped.begin();
         self.inputs.lives.hold()
     }
 
@@ -252,6 +256,7 @@ impl Node for Graph {
                 due.iter().for_each(|(input, _)| self.compare_types(input, &nodes, &endpoints));
             }
         }
+        lacking.extend(self.untyped_at_last());
         lacking.extend(self.inputs.failure());
         // Who came behind the last message has got those that are kept.
         lacking.extend(self.topics().iter().filter_map(|topic| topic.misread().map(str::to_owned)));

@@ -154,15 +154,15 @@ impl Graph {
         for (topic, many) in self.inputs.all().iter().map(|one| (&one.topic, one.unnamed.seen())) {
             if many > 0 {
                 remarks.push(format!(
-                    "programs of DDS that are no nodes publish {topic} (at least {many}), so that whether \
-                     all of it was recorded can't be known"
+                    "programs of DDS that are no nodes, or nodes of a name that another has, publish {topic} (at \
+                     least {many}), so that whether all of it was recorded can't be known"
                 ));
             }
         }
         for topic in self.topics().iter().filter(|topic| topic.unnamed() > 0) {
             remarks.push(format!(
-                "programs of DDS that are no nodes subscribe to {} (at least {}), so that what they got of \
-                 ours can't be known",
+                "programs of DDS that are no nodes, or nodes of a name that another has, subscribe to {} (at \
+                 least {}), so that what they got of ours can't be known",
                 topic.info().topic,
                 topic.unnamed()
             ));

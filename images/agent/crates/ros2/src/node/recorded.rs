@@ -16,7 +16,7 @@ use crate::error::failed;
 use crate::recording::Input;
 use crate::topic::{Look, uncounted};
 use crate::unmet::{Begun, Ended};
-use crate::{qos, stamp};
+use crate::{qos, stamp, unnamed};
 
 /// How long a message may be on its way to us once all is over.
 pub(super) const ON_ITS_WAY: Duration = Duration::from_secs(1);
@@ -25,6 +25,13 @@ const LOOKS: u32 = 3;
 const MOST_LOOKS: u32 = 60;
 /// The longest pause between two of these: no call is always under way then that goes on for less.
 const BETWEEN: Duration = Duration::from_millis(17);
+
+/// What a topic's messages are.
+enum Type {
+    Known(String),
+    /// Nobody else publishes it, or it has several types: how it is shown, without our own publishers.
+    Unknown(GraphTopic),
+}
 
 impl Graph {
     /// Subscribes to what is wanted and whose type is known by now.
@@ -35,7 +42,13 @@ impl Graph {
     ) -> Result<(), GraphError> {
         let wanted: Vec<String> = self.wanted().iter().cloned().collect();
         for topic in wanted {
-            let Some(datatype) = self.type_of(&topic, nodes)? else { continue };
+            let datatype = match self.type_of(&topic, nodes)? {
+                Type::Known(datatype) => datatype,
+                Type::Unknown(shown) => {
+                    self.look_for_untyped(&topic, shown, endpoints);
+                    continue;
+                }
+            };
             let all: Vec<&Endpoint> = published_on(&topic, endpoints).collect();
             let wanted = qos::recorded(all.iter().map(|one| &one.qos));
             let names: BTreeSet<&String> = all.iter().map(|one| &one.node).collect();
@@ -52,21 +65,55 @@ impl Graph {
         Ok(())
     }
 
-    /// The type that others publish a topic as; `None` while nobody does. Of two nodes of one name the
-    /// graph shows what one of them publishes: the other's topic may be known by the whole graph alone.
-    fn type_of(&self, topic: &str, nodes: &[GraphNode]) -> Result<Option<String>, GraphError> {
+    /// The type that others publish a topic as. Of two nodes of one name the graph shows what one of them
+    /// publishes: the other's topic may be known by the whole graph alone.
+    fn type_of(&self, topic: &str, nodes: &[GraphNode]) -> Result<Type, GraphError> {
         let others = nodes.iter().filter(|node| node.name != self.name);
         let mut published = others.flat_map(|node| node.publishes.iter());
         if let Some((_, datatype)) = published.find(|(name, _)| name == topic) {
-            return Ok(Some(datatype.clone()));
+            return Ok(Type::Known(datatype.clone()));
         }
         let GraphTopic { publishers, types } =
             self.means.player.topic_of_graph(topic).map_err(failed)?;
         let ours = self.topics().iter().filter(|played| played.info().topic == topic).count();
+        let others = publishers.saturating_sub(ours as u64);
         Ok(match &types[..] {
-            [only] if publishers > ours as u64 => Some(only.clone()),
-            _ => None,
+            [only] if others > 0 => Type::Known(only.clone()),
+            _ => Type::Unknown(GraphTopic { publishers: others, types }),
         })
+    }
+
+    /// Takes in a look at a topic that others publish as it is `shown`: who counts is accounted for by what it
+    /// has published.
+    fn look_for_untyped(&self, topic: &str, shown: GraphTopic, endpoints: &[Endpoint]) {
+        let counts = published_on(topic, endpoints).filter(|one| !one.destroyed).count() as u64;
+        let more = if shown.types.len() > 1 { shown.publishers.saturating_sub(counts) } else { 0 };
+        self.untyped.look(topic, Instant::now(), more, shown.types);
+    }
+
+    /// What can't be recorded for want of a type. A play may be shorter than the looks that it takes to be
+    /// certain: they are made now.
+    pub(super) fn untyped_at_last(&self) -> Vec<String> {
+        let wanted = self.wanted().clone();
+        for _look in 0..=unnamed::LOOKS {
+            // A graph or a ledger that can't be read is reported by who has read it before.
+            let (Ok(nodes), Ok(endpoints)) = (self.means.player.graph(), self.ledger().endpoints())
+            else {
+                break;
+            };
+            let mut unknown = 0;
+            for topic in &wanted {
+                if let Ok(Type::Unknown(shown)) = self.type_of(topic, &nodes) {
+                    unknown += u32::from(shown.types.len() > 1 && shown.publishers > 0);
+                    self.look_for_untyped(topic, shown, &endpoints);
+                }
+            }
+            if unknown == 0 {
+                break;
+            }
+            std::thread::sleep(unnamed::EVERY);
+        }
+        self.untyped.lacking()
     }
 
     /// How a recording introduces who publishes a topic.

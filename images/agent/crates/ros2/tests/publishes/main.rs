@@ -13,6 +13,7 @@ mod stopped;
 mod strangers;
 mod unclear;
 mod unmatched;
+mod untyped;
 mod whole;
 
 use std::time::Duration;
