@@ -147,7 +147,7 @@ watch: venv ## Check what differs from SINCE=HEAD whenever a file is saved, unti
 .PHONY: test-one
 test-one: venv $(if $(filter tests/e2e/%,$(T)),cluster install) ## Run one test: T=FILE or T=FILE::NAME, in Python or Rust
 	$(CLAIM)
-	@env -u MAKEFLAGS CARGO_TARGET_DIR="$(BAGPIPE_CACHE)/cargo-debug" .venv/bin/python -m tests.quick.one $(T)
+	@env -u MAKEFLAGS -u MFLAGS CARGO_TARGET_DIR="$(BAGPIPE_CACHE)/cargo-debug" .venv/bin/python -m tests.quick.one $(T)
 
 .PHONY: fmt
 fmt: venv ## Format all Python and Rust, and mend what ruff can mend
@@ -178,7 +178,7 @@ recording: preflight ## Fetch the real recording that the tests play
 
 # Else what another checkout has built there would be taken for this one's.
 CLAIM = @python3 images/build/claim.py "$(BAGPIPE_CACHE)/cargo-debug"
-TEST_AGENT := env -u MAKEFLAGS -C images/agent CARGO_TARGET_DIR="$(BAGPIPE_CACHE)/cargo-debug" cargo test --locked --workspace
+TEST_AGENT := env -u MAKEFLAGS -u MFLAGS -C images/agent CARGO_TARGET_DIR="$(BAGPIPE_CACHE)/cargo-debug" cargo test --locked --workspace
 
 .PHONY: test-agent
 test-agent: preflight-all
@@ -251,12 +251,12 @@ test-liars: preflight-all venv ## Put stacks that lie, and odd honest ones, befo
 	$(STEP) "Testing that no liar passes" -- $(PYTEST) tests/liars
 
 .PHONY: test-e2e
-test-e2e: cluster install ## Run whole jobs on the cluster (part of test)
+test-e2e: venv cluster install ## Run whole jobs on the cluster (part of test)
 	$(STEP) "Testing whole jobs on Kubernetes" -- $(PYTEST) $(BESIDE_WAITING) tests/e2e -m "not (slow or nodes or alone)"
 	$(STEP) "Testing how soon trouble is reported" -- $(PYTEST) tests/e2e -m "alone and not slow"
 
 .PHONY: test-slow
-test-slow: cluster install release-programs release-platforms recording ## Test an upgrade, two operators, and what else takes minutes
+test-slow: venv cluster install release-programs release-platforms recording ## Test an upgrade, two operators, and what else takes minutes
 	$(STEP) "Testing what takes minutes" -- $(PYTEST) tests/e2e tests/integration/kubectl_plugin tests/integration/release -m slow
 
 # On a machine that has no registry in reach, or whose Docker may not do all that a node wants.
@@ -270,7 +270,7 @@ test-kind: ## Run `make demo CLUSTER=kind` with an engine and a node that are ma
 ifeq ($(CLUSTER),embedded)
 # On any other number of nodes all its tests are skipped, which would look like success.
 test-nodes: override NODES := 3
-test-nodes: cluster install ## Test three nodes, their loss, and 200 cases that are disturbed
+test-nodes: venv cluster install ## Test three nodes, their loss, and 200 cases that are disturbed
 	$(STEP) "Testing a cluster of three nodes" -- $(PYTEST) \
 	  tests/e2e/test_nodes.py tests/e2e/test_fleet_faults.py
 else
