@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from xdist.remote import Producer
 
+from tests.cached import cache
 from tests.lanes import Clocking, Lanes, Times
 from tests.times import Meter
 
@@ -24,7 +25,7 @@ def pytest_configure() -> None:
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> Lanes:
     """For `--dist loadscope`: loadgroup groups nothing with pytest 9.2 (pytest-xdist#1386)."""
-    times = Times(Path(os.environ.get("BAGPIPE_CACHE") or Path.home() / ".cache/bagpipe") / "lanes")
+    times = Times(cache() / "lanes")
     config.pluginmanager.register(Clocking(times))
     return Lanes(config, log, times)
 

@@ -12,6 +12,8 @@ import tempfile
 import zipfile
 from pathlib import Path
 
+from tests.cached import cache
+
 PACKAGE = "ultralytics==8.4.190"
 # A street with a bus and people on foot (810 x 1080), and two men up close (1280 x 720).
 STREET, PORTRAIT = "bus.jpg", "zidane.jpg"
@@ -28,8 +30,7 @@ class PhotographError(Exception):
 
 def fetch() -> dict[str, Path]:
     """The photographs' paths by name, fetched first where needed. Raises PhotographError."""
-    cache = Path(os.environ.get("BAGPIPE_CACHE", Path.home() / ".cache/bagpipe"))
-    folder = cache / "photographs"
+    folder = cache() / "photographs"
     paths = {name: folder / name for name in SHA256}
     if not all(path.exists() and _is_known(name, path) for name, path in paths.items()):
         folder.mkdir(parents=True, exist_ok=True)

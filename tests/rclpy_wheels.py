@@ -6,14 +6,12 @@ hashes in rclpy_wheels.txt: what nodes need to run, none of what builds packages
 `python3 -m tests.rclpy_wheels` installs them, and prints the folder that they are in.
 """
 
-import fcntl
-import hashlib
-import os
-import shutil
 import subprocess
 import sys
 import sysconfig
 from pathlib import Path
+
+from tests.cached import made_once
 
 PINNED = Path(__file__).with_suffix(".txt")
 _INSTALL_SECONDS = 600.0
@@ -21,25 +19,14 @@ _INSTALL_SECONDS = 600.0
 
 def installed() -> Path:
     """What /opt/ros/jazzy is to who sources it, installed once for each state of what is pinned."""
-    digest = hashlib.sha256(PINNED.read_bytes() + sys.version.encode()).hexdigest()
-    cache = Path(os.environ.get("BAGPIPE_CACHE", Path.home() / ".cache/bagpipe"))
-    folder = cache / f"rclpy-{digest[:16]}"
-    cache.mkdir(parents=True, exist_ok=True)
-    with (cache / "rclpy.lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        if not (folder / "complete").exists():
-            _install(folder)
-    return folder
+    return made_once("rclpy", PINNED.read_bytes() + sys.version.encode(), _install)
 
 
 def _install(folder: Path) -> None:
-    # Scripts name the interpreter by its path, so that it can't be moved when it is complete.
-    shutil.rmtree(folder, ignore_errors=True)
     subprocess.run([sys.executable, "-m", "venv", folder], check=True, timeout=_INSTALL_SECONDS)
     command = [str(folder / "bin/python"), "-m", "pip", "install", "--quiet", "--no-deps"]
     command += ["--disable-pip-version-check", "--require-hashes", "--only-binary", ":all:"]
     subprocess.run([*command, "-r", str(PINNED)], check=True, timeout=_INSTALL_SECONDS)
-    (folder / "complete").touch()
 
 
 def environment(folder: Path) -> dict[str, str]:

@@ -12,6 +12,8 @@ import tarfile
 import tempfile
 from pathlib import Path
 
+from tests.cached import cache
+
 PACKAGE = "ros-robot-state-publisher"
 MEMBER = "test/joint_states_indexed.bag"
 SHA256 = "09380a2f04c3af0d375e2e37f336458a4474c3dc08da85f08fd1bff0df84ebe9"
@@ -25,8 +27,7 @@ class RecordingError(Exception):
 
 def cached() -> Path:
     """Where the recording is kept."""
-    cache = Path(os.environ.get("BAGPIPE_CACHE", Path.home() / ".cache/bagpipe"))
-    return cache / "recordings" / "pr2_joint_states.bag"
+    return cache() / "recordings" / "pr2_joint_states.bag"
 
 
 def fetch() -> Path:

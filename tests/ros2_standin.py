@@ -4,13 +4,13 @@ built once for each state of its sources.
 `python3 -m tests.ros2_standin fastdds` builds the endpoint, and prints the folder that it is in.
 """
 
-import fcntl
-import hashlib
 import os
-import shutil
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
+
+from tests.cached import made_once, state_of
 
 SOURCES = Path(__file__).parent / "ros2"
 _BUILD_SECONDS = 300.0
@@ -27,23 +27,12 @@ def fastdds() -> Path:
 
 
 def _built(name: str, sources: Path, package: str) -> Path:
-    digest = hashlib.sha256()
-    for source in sorted(path for path in sources.iterdir() if path.is_file()):
-        digest.update(source.read_bytes())
-    cache = Path(os.environ.get("BAGPIPE_CACHE", Path.home() / ".cache/bagpipe"))
-    folder = cache / f"ros2-{name}-{digest.hexdigest()[:16]}"
-    cache.mkdir(parents=True, exist_ok=True)
-    with (cache / f"ros2-{name}.lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        if not folder.exists():
-            _build(folder, sources, package)
-    return folder
+    state = state_of([path for path in sources.iterdir() if path.is_file()])
+    return made_once(f"ros2-{name}", state, partial(_build, sources, package))
 
 
-def _build(folder: Path, sources: Path, package: str) -> None:
-    unfinished = folder.with_name(f"{folder.name}.unfinished")
-    shutil.rmtree(unfinished, ignore_errors=True)
-    command = ["make", "--silent", "-C", str(sources), f"INTO={unfinished}"]
+def _build(sources: Path, package: str, folder: Path) -> None:
+    command = ["make", "--silent", "-C", str(sources), f"INTO={folder}"]
     environment = {name: value for name, value in os.environ.items() if name != "MAKEFLAGS"}
     done = subprocess.run(
         command,
@@ -54,7 +43,6 @@ def _build(folder: Path, sources: Path, package: str) -> None:
         check=False,
     )
     assert done.returncode == 0, f"is Debian's {package} installed? {done.stderr}"
-    unfinished.rename(folder)
 
 
 def environment(folder: Path) -> dict[str, str]:

@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
+from tests.cached import cache
 from tests.e2e import first_verdict
 from tests.e2e import kubectl as k
 from tests.recording import RecordingError, fetch
@@ -121,7 +122,7 @@ def _show_real_time() -> None:
     """The other mode, on this machine. Whether the node keeps up is luck, so it is no verdict."""
     _say("Lock-step waits for each answer. In real time a node with a queue of one may lose some:")
     try:
-        results = k.cache() / "demo/laptop/realtime"
+        results = cache() / "demo/laptop/realtime"
         first_verdict.run(f"docs/examples/{JOB}/realtime.yaml", results, "--cases", "1")
     except (RecordingError, subprocess.TimeoutExpired, OSError) as error:
         _say(f"There is no play in real time to show: {error}")
@@ -130,7 +131,7 @@ def _show_real_time() -> None:
 
 def take_out(uri: str) -> None:
     """Copy the results to this machine, and say how to look at them; or why there is no copy."""
-    folder = k.cache() / "demo" / JOB
+    folder = cache() / "demo" / JOB
     try:
         k.take_results(NAMESPACE, uri, folder)
     except (k.KubectlError, subprocess.TimeoutExpired, OSError) as error:

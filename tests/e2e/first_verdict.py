@@ -10,7 +10,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from tests.e2e.kubectl import cache
+from tests.cached import cache
 from tests.recording import RecordingError, fetch
 
 ROOT = Path(__file__).parents[2]

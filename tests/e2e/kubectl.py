@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
+from tests.cached import cache
 from tests.waiting import wait_until
 
 Result = TypeVar("Result")
@@ -28,11 +29,6 @@ RESTRICTED: Object = {
 
 class KubectlError(Exception):
     """kubectl ended with an error; the text is its output."""
-
-
-def cache() -> Path:
-    """Where the project keeps what it has built and fetched."""
-    return Path(os.environ.get("BAGPIPE_CACHE", Path.home() / ".cache/bagpipe"))
 
 
 def tool_environment() -> dict[str, str]:

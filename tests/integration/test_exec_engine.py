@@ -1,8 +1,6 @@
 """A real simulator in place of ROS: highway-env through the worker and the agent."""
 
 import csv
-import hashlib
-import os
 import shutil
 import subprocess
 import sys
@@ -21,6 +19,7 @@ from bagpipe.source.planning import plan
 from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
 from tests import hanging
+from tests.cached import made_once
 from tests.integration.conftest import ROOT, RunningAgent
 from tests.integration.stacks import folders_with_recording
 from tests.waiting import PATIENCE
@@ -44,23 +43,14 @@ EXPECTED = {
 def simulator() -> Path:
     """A Python with what the example's image has, kept between runs."""
     requirements = EXAMPLE / "requirements.txt"
-    cache = Path(os.environ.get("BAGPIPE_CACHE") or Path.home() / ".cache/bagpipe")
-    known = hashlib.sha256(requirements.read_bytes() + sys.version.encode()).hexdigest()[:16]
-    folder = cache / f"exec-highway-{known}"
-    if not (folder / "complete").exists():
-        subprocess.run([sys.executable, "-m", "venv", "--clear", folder], check=True, timeout=100)
-        pip = [
-            str(folder / "bin/python"),
-            "-m",
-            "pip",
-            "install",
-            "--quiet",
-            "-r",
-            str(requirements),
-        ]
-        subprocess.run(pip, check=True, timeout=PIP_SECONDS)
-        (folder / "complete").touch()
-    return folder / "bin/python"
+
+    def install(folder: Path) -> None:
+        subprocess.run([sys.executable, "-m", "venv", folder], check=True, timeout=100)
+        pip = [str(folder / "bin/python"), "-m", "pip", "install", "--quiet"]
+        subprocess.run([*pip, "-r", str(requirements)], check=True, timeout=PIP_SECONDS)
+
+    state = requirements.read_bytes() + sys.version.encode()
+    return made_once("exec-highway", state, install) / "bin/python"
 
 
 @pytest.fixture

@@ -6,16 +6,16 @@ import tempfile
 from pathlib import Path
 
 from tests.agent_binary import built
+from tests.cached import cache
 from tests.liars.army import Army
 from tests.liars.table import ROWS
 
 
 def main(names: list[str]) -> int:
     agent = Path(os.environ.get("BAGPIPE_AGENT") or built())
-    cache = Path(os.environ.get("BAGPIPE_CACHE") or Path.home() / ".cache/bagpipe") / "liars"
     wanted = [row for row in ROWS if not names or row.name in names]
     with tempfile.TemporaryDirectory() as folder:
-        army = Army(Path(folder), agent, cache)
+        army = Army(Path(folder), agent, cache() / "liars")
         army.start(wanted)
         for row in wanted:
             try:

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.agent_binary import built
+from tests.cached import cache
 from tests.liars.army import Army
 from tests.liars.row import Row
 from tests.liars.table import ROWS
@@ -20,8 +21,7 @@ def army(
 ) -> Iterator[Army]:
     """The rows of all tests that were selected, running."""
     agent = Path(os.environ.get("BAGPIPE_AGENT") or built())
-    cache = Path(os.environ.get("BAGPIPE_CACHE") or Path.home() / ".cache/bagpipe") / "liars"
-    gathered = Army(tmp_path_factory.mktemp("liars"), agent, cache)
+    gathered = Army(tmp_path_factory.mktemp("liars"), agent, cache() / "liars")
     wanted = [
         item.callspec.params.get("row")
         for item in request.session.items

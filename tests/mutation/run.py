@@ -21,10 +21,11 @@ import tomllib
 from collections.abc import Iterable
 from pathlib import Path
 
+from tests.cached import cache
 from tests.quick.affected import affected, read
 
 ROOT = Path(__file__).parents[2]
-CACHE = Path(os.environ.get("BAGPIPE_CACHE") or Path.home() / ".cache/bagpipe") / "mutation"
+CACHE = cache() / "mutation"
 LEAST_PERCENT = 85
 # What runs the tests ends one that hangs, long before.
 MUTANT_SECONDS = 3600

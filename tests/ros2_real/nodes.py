@@ -1,11 +1,9 @@
 """The package of nodes in nodes/, built once for each state of it and each ROS 2."""
 
-import fcntl
-import hashlib
-import os
-import shutil
+from functools import partial
 from pathlib import Path
 
+from tests.cached import made_once, state_of
 from tests.ros2_real.place import Place
 
 SOURCES = Path(__file__).parent / "nodes"
@@ -24,19 +22,12 @@ rm -r "$1/build"
 
 def built(place: Place) -> Path:
     """The prefix where they are installed."""
-    digest = hashlib.sha256(f"{place.image} {place.run(['bash', '-c', _WHICH]).stdout}".encode())
-    for source in sorted(path for path in SOURCES.rglob("*") if path.is_file()):
-        digest.update(source.read_bytes())
-    cache = Path(os.environ.get("BAGPIPE_CACHE", Path.home() / ".cache/bagpipe"))
-    prefix = cache / f"ros2-nodes-{digest.hexdigest()[:16]}"
-    cache.mkdir(parents=True, exist_ok=True)
-    with (cache / "ros2-nodes.lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        if not (prefix / "complete").exists():
-            shutil.rmtree(prefix, ignore_errors=True)
-            prefix.mkdir()
-            # A prefix keeps its name: CMake writes it into what it installs.
-            done = place.run(["bash", "-c", _BUILD, str(SOURCES), str(prefix)], folders=[prefix])
-            assert done.returncode == 0, f"{done.stdout[-3000:]}\n{done.stderr[-3000:]}"
-            (prefix / "complete").touch()
-    return prefix
+    which = f"{place.image} {place.run(['bash', '-c', _WHICH]).stdout}".encode()
+    state = which + state_of([path for path in SOURCES.rglob("*") if path.is_file()])
+    return made_once("ros2-nodes", state, partial(_build, place))
+
+
+def _build(place: Place, prefix: Path) -> None:
+    prefix.mkdir()
+    done = place.run(["bash", "-c", _BUILD, str(SOURCES), str(prefix)], folders=[prefix])
+    assert done.returncode == 0, f"{done.stdout[-3000:]}\n{done.stderr[-3000:]}"

@@ -11,6 +11,7 @@ from pyspark import SparkContext
 from pyspark.sql import SparkSession
 
 from bagpipe.driver.spark_context import QUICK_JVM
+from tests.cached import cache
 
 ROOT = Path(__file__).parents[3]
 EXAMPLES = ROOT / "docs/examples/binpipe"
@@ -62,8 +63,7 @@ def files(tmp_path: Path) -> Path:
 def cargo_example(name: str) -> Path:
     """An example of the Rust SDK, as the build of all the agent's tests has made it: for a crate
     alone cargo would build what it needs again, with fewer features."""
-    cache = Path(os.environ.get("BAGPIPE_CACHE", Path.home() / ".cache/bagpipe"))
-    target = Path(os.environ.get("CARGO_TARGET_DIR", cache / "cargo-debug"))
+    target = Path(os.environ.get("CARGO_TARGET_DIR", cache() / "cargo-debug"))
     subprocess.run(
         ["cargo", "build", "--locked", "--quiet", "--workspace", "--example", name],
         cwd=ROOT / "images/agent",

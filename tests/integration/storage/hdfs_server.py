@@ -6,6 +6,7 @@ import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 
+from tests.cached import cache
 from tests.integration.storage.servers import LOOPBACK, Host, Server, listens
 from tests.ports import free_port
 from tests.waiting import PATIENCE, wait_until
@@ -42,8 +43,7 @@ _OPENS = [
 
 def jars() -> list[Path]:
     """Hadoop's jars in Bagpipe's cache, fetched first where needed, each with its known hash."""
-    cache = Path(os.environ.get("BAGPIPE_CACHE", Path.home() / ".cache/bagpipe"))
-    folder = cache / "hadoop" / "3.5.0"
+    folder = cache() / "hadoop" / "3.5.0"
     if not all((folder / name).exists() for name in _SHA256):
         _fetch(folder)
     for name, expected in _SHA256.items():

@@ -14,6 +14,8 @@ from typing import Any
 import pytest
 import yaml
 
+from tests.cached import cache
+
 Object = dict[str, Any]
 
 ROOT = Path(__file__).parents[3]
@@ -21,9 +23,8 @@ CHART = ROOT / "charts" / "bagpipe"
 SNAPSHOT = Path(__file__).parent / "rendered.yaml"
 HELM_SECONDS = 60
 
-CACHE = Path(os.environ.get("BAGPIPE_CACHE", Path.home() / ".cache/bagpipe"))
 # Ours where the machine has none that is new enough; `make tools` decides.
-HELM = shutil.which("helm", path=f"{CACHE / 'bin/tools'}:{os.environ['PATH']}")
+HELM = shutil.which("helm", path=f"{cache() / 'bin/tools'}:{os.environ['PATH']}")
 
 
 def helm(*words: str) -> subprocess.CompletedProcess[str]:
