@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.e2e import jobs
 from tests.e2e import kubectl as k
 from tests.recording import fetch
 
@@ -26,7 +27,11 @@ def namespace() -> Iterator[str]:
     k.kubectl("-n", name, "apply", "-f", "-", given=_claims())
     k.start_toolbox(name)
     yield name
-    k.kubectl("delete", "namespace", name, "--wait=true", "--timeout=300s", seconds=320)
+    try:
+        k.kubectl("delete", "namespace", name, "--wait=true", "--timeout=300s", seconds=320)
+    except k.KubectlError as error:
+        error.add_note(f"these are left: {'; '.join(jobs.left_in(name))}")
+        raise
 
 
 def _claims() -> str:

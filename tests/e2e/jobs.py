@@ -106,13 +106,13 @@ def await_none_left(namespace: str) -> None:
     left: list[str] = []
 
     def look() -> bool:
-        left[:] = _left_in(namespace)
+        left[:] = left_in(namespace)
         return not left
 
     waiting.wait_until(look, 240, lambda: "these are left: " + "; ".join(left), 0.5)
 
 
-def _left_in(namespace: str) -> list[str]:
+def left_in(namespace: str) -> list[str]:
     """Every pod, ConfigMap and job of a namespace but the tests' own toolbox and the cluster's,
     with since when it is being deleted, for how long it may, and which of its containers run."""
     found = k.items(namespace, "simulationjobs,pods,configmaps")
