@@ -234,7 +234,7 @@ test-together: preflight-all venv test-programs rclpy recording agent
 	$(STEP) "Testing worker, agent and real nodes" -- $(PYTEST) $(BESIDE_WAITING) -m "not alone and not slow" tests/integration $(AND)
 
 .PHONY: test-together-alone
-test-together-alone: preflight-all venv test-programs recording agent
+test-together-alone: preflight-all venv test-programs recording agent rclpy
 	$(STEP) "Testing what measures the machine" -- $(PYTEST) -m alone tests/integration
 
 # Not part of test: it needs a ROS 2, sourced or as an image, which is asked for before anything is

@@ -2,7 +2,8 @@
 """Answers each message of in on out, in Python; with the parameter `deaf` no SIGINT ends it.
 
 With `wall_ms` a timer of the machine's clock does nothing that often, with `sim_ms` one of
-the node's clock. The first so many (`sleeps`) callbacks sleep for 0.4 s.
+the node's clock. Its queue has room for `depth` messages. The first so many (`sleeps`) callbacks
+sleep for 0.4 s.
 """
 
 import contextlib
@@ -27,8 +28,9 @@ class Answering(Node):
         self.sleeps = self.declare_parameter("sleeps", 0).value
         group = ReentrantCallbackGroup() if self.threads > 1 else None
         self.out = self.create_publisher(String, "out", 1000)
+        depth = self.declare_parameter("depth", 10).value
         self.subscription = self.create_subscription(
-            Imu, "in", self.answer, 10, callback_group=group
+            Imu, "in", self.answer, depth, callback_group=group
         )
 
         for name, clock in (
