@@ -11,7 +11,7 @@ from typing import TextIO
 from tests.waiting import wait_until
 
 # For what another process builds at this moment.
-_WAIT_SECONDS = 900.0
+_WAIT_SECONDS = 1500.0
 
 
 def cache() -> Path:

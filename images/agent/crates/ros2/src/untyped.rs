@@ -47,9 +47,9 @@ impl Untyped {
 
 fn sentence(topic: &str, seen: &Seen) -> String {
     format!(
-        "{topic} is published (by at least {}) and was not recorded: the graph has it as {}, and does not show \
-         which of them is published, as of a node whose name another has, or of a program that is no node. Give \
-         each node a name of its own, and the topic one type",
+        "{topic} was not recorded, and has publishers (at least {}) that do not count: the graph has it as {}, and \
+         does not show which of them is theirs, as of a node whose name another has, or of a program that is no \
+         node. Give each node a name of its own, and the topic one type",
         seen.publishers.seen(),
         seen.types.join(" and as ")
     )
@@ -75,8 +75,8 @@ mod tests {
     fn who_is_there_at_three_looks_in_a_row_is_missed() {
         assert_eq!(after(&[1, 1, 0, 1, 1]).lacking(), <[String; 0]>::default());
         let [lacking] = &after(&[2, 1, 1, 0]).lacking()[..] else { panic!("none") };
-        let begin = "/talk is published (by at least 1) and was not recorded: the graph has it as \
-                     a/msg/A and as b/msg/B,";
+        let begin = "/talk was not recorded, and has publishers (at least 1) that do not count: the \
+                     graph has it as a/msg/A and as b/msg/B,";
         assert!(lacking.starts_with(begin), "{lacking}");
     }
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from pyspark import SparkConf, SparkContext
 
 from bagpipe.driver.cases_on_spark import run_cases
-from bagpipe.driver.executor_removal import remove_executors
+from bagpipe.driver.executor_removal import stop_with_executors
 from bagpipe.driver.in_turn import work_in_turn
 from bagpipe.driver.job import Interruption, Place, ended, job_of, run
 from bagpipe.driver.keep import Keeper
@@ -69,7 +69,7 @@ class Driver:
         self.job = job
         self.interruption = Interruption()
         self.complete = False
-        self._spark = KeptSpark(_start_spark, partial(remove_executors, namespace=job.namespace))
+        self._spark = KeptSpark(_start_spark, partial(stop_with_executors, namespace=job.namespace))
         self._uid = environment.get("BAGPIPE_POD_UID", "")
         self._idle_seconds = float(environment.get("BAGPIPE_POOL_IDLE_SECONDS") or 0)
         self._look_up = partial(claim_of, job.namespace)

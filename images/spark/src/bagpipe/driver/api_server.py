@@ -11,6 +11,8 @@ from typing import Any
 API_SERVER = "https://kubernetes.default.svc"
 ACCOUNT = Path("/var/run/secrets/kubernetes.io/serviceaccount")
 _PATIENCE_SECONDS = 10.0
+# A driver that is deleted has half a minute for all that it does then.
+_DELETE_SECONDS = 3.0
 
 
 def get_json(
@@ -26,7 +28,7 @@ def get_json(
 
 def delete(path: str, options: Mapping[str, Any], server: str, account: Path) -> None:
     """Delete what is at a path, one object or those of a selector. Raises as `get_json` does."""
-    _call("DELETE", path, json.dumps(options).encode(), server, account, _PATIENCE_SECONDS)
+    _call("DELETE", path, json.dumps(options).encode(), server, account, _DELETE_SECONDS)
 
 
 def _call(

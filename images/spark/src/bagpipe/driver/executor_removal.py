@@ -21,22 +21,30 @@ GRACE_SECONDS = 10
 log = logging.getLogger(__name__)
 
 
-def remove_executors(
+def stop_with_executors(
     spark: SparkContext, namespace: str, server: str = API_SERVER, account: Path = ACCOUNT
 ) -> None:
-    """Delete the pods of all executors of a Spark that stops now, before it does so itself.
+    """Stop Spark, and delete the pods of all its executors, before it does so itself.
 
-    Where it can't be done Spark's own way is left, which needs longer only when it fails.
+    Where they can't be deleted Spark's own way is left, which needs longer only when it fails.
     """
     try:
-        remove_executors_of(spark.applicationId, namespace, server, account)
-    except (OSError, ValueError, AttributeError, Py4JError) as error:
-        log.warning("the executors have the grace period of their pods: %s", error)
+        application = spark.applicationId
+    except (OSError, AttributeError, Py4JError) as error:
+        log.warning("the executors can not be found without Spark: %s", error)
+        spark.stop()
+        return
+    _remove(application, namespace, server, account)
+    spark.stop()
+    # While the first ones went, Spark may have asked for others in their place.
+    _remove(application, namespace, server, account)
 
 
-def remove_executors_of(application: str, namespace: str, server: str, account: Path) -> None:
-    """Delete the pods of all executors of a Spark application. Raises OSError and ValueError."""
+def _remove(application: str, namespace: str, server: str, account: Path) -> None:
     selector = f"spark-app-selector={application},spark-role=executor"
     path = f"/api/v1/namespaces/{quote(namespace)}/pods?{urlencode({'labelSelector': selector})}"
     options = {"apiVersion": "v1", "kind": "DeleteOptions", "gracePeriodSeconds": GRACE_SECONDS}
-    delete(path, options, server, account)
+    try:
+        delete(path, options, server, account)
+    except (OSError, ValueError) as error:
+        log.warning("the executors have the grace period of their pods: %s", error)

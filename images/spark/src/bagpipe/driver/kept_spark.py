@@ -42,10 +42,9 @@ class KeptSpark:
     def __init__(
         self,
         start: Callable[[Settings], SparkContext],
-        before_stop: Callable[[SparkContext], None] = lambda _spark: None,
+        stop: Callable[[SparkContext], None] = SparkContext.stop,
     ) -> None:
-        """`before_stop` takes a Spark that stops next; it raises nothing."""
-        self._start, self._before_stop = start, before_stop
+        self._start, self._stop = start, stop
         self._spark: SparkContext | None = None
         self._settings: Settings = {}
 
@@ -76,8 +75,7 @@ class KeptSpark:
         """Spark and its executors are gone when this returns."""
         spark, self._spark = self._spark, None
         if spark is not None:
-            self._before_stop(spark)
-            spark.stop()
+            self._stop(spark)
 
     def _busy(self) -> bool:
         """Whether anything runs; also where Spark does not say."""
