@@ -1,9 +1,8 @@
 """Executors at the end of their driver: deleted in seconds, and before Spark does it in minutes."""
 
 import json
-import threading
 from collections.abc import Iterator
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from http.server import BaseHTTPRequestHandler
 from pathlib import Path
 from typing import Any, ClassVar
 from urllib.parse import parse_qs, urlsplit
@@ -12,6 +11,7 @@ import pytest
 
 from bagpipe.driver.executor_removal import stop_with_executors
 from bagpipe.driver.kept_spark import KeptSpark
+from tests.unit.bagpipe.serving import serving
 
 
 class ApiServer(BaseHTTPRequestHandler):
@@ -31,17 +31,12 @@ class ApiServer(BaseHTTPRequestHandler):
         self.end_headers()
         self.wfile.write(self.answer)
 
-    def log_message(self, *_arguments: object) -> None:
-        pass
-
 
 @pytest.fixture
 def api() -> Iterator[str]:
     ApiServer.asked.clear()
-    with ThreadingHTTPServer(("127.0.0.1", 0), ApiServer) as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        yield f"http://127.0.0.1:{server.server_port}"
-        server.shutdown()
+    with serving(ApiServer) as address:
+        yield address
 
 
 class Spark:

@@ -1,9 +1,8 @@
 """Where results come from: images as kubelets resolved them, machines, labels, discarded runs."""
 
 import json
-import threading
 from collections.abc import Iterator
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from http.server import BaseHTTPRequestHandler
 from pathlib import Path
 from typing import Any, ClassVar
 from urllib.parse import parse_qs, urlsplit
@@ -14,6 +13,7 @@ from bagpipe.driver.own_pods import Looking, Seen, pods_of
 from bagpipe.marks import marks_of
 from bagpipe.run.ran_on import cpu_model, ran_on
 from tests.unit.bagpipe.jobs import make_row
+from tests.unit.bagpipe.serving import serving
 from tests.unit.report.publishing import publish
 
 STACK = "registry.example/lane@sha256:" + "a" * 64
@@ -65,17 +65,12 @@ class ApiServer(BaseHTTPRequestHandler):
         self.end_headers()
         self.wfile.write(json.dumps(page).encode())
 
-    def log_message(self, *_arguments: object) -> None:
-        pass
-
 
 @pytest.fixture
 def api() -> Iterator[str]:
     ApiServer.asked.clear()
-    with ThreadingHTTPServer(("127.0.0.1", 0), ApiServer) as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        yield f"http://127.0.0.1:{server.server_port}"
-        server.shutdown()
+    with serving(ApiServer) as address:
+        yield address
 
 
 def test_the_pods_of_the_job_alone_are_listed_page_by_page(api: str, tmp_path: Path) -> None:

@@ -96,24 +96,32 @@ impl Graph {
     pub(super) fn untyped_at_last(&self) -> Vec<String> {
         let wanted = self.wanted().clone();
         for _look in 0..=unnamed::LOOKS {
-            // A graph or a ledger that can't be read is reported by who has read it before.
-            let (Ok(nodes), Ok(endpoints)) = (self.means.player.graph(), self.ledger().endpoints())
-            else {
-                break;
-            };
-            let mut unknown = 0;
-            for topic in &wanted {
-                if let Ok(Type::Unknown(shown)) = self.type_of(topic, &nodes) {
-                    unknown += u32::from(shown.types.len() > 1 && shown.publishers > 0);
-                    self.look_for_untyped(topic, shown, &endpoints);
-                }
-            }
-            if unknown == 0 {
+            if !self.are_untyped(&wanted) {
                 break;
             }
             std::thread::sleep(unnamed::EVERY);
         }
         self.untyped.lacking()
+    }
+
+    /// Whether others publish one of these topics, which has several types; it is looked at.
+    fn are_untyped(&self, wanted: &BTreeSet<String>) -> bool {
+        if wanted.is_empty() {
+            return false;
+        }
+        // A graph or a ledger that can't be read is reported by who has read it before.
+        let (Ok(nodes), Ok(endpoints)) = (self.means.player.graph(), self.ledger().endpoints())
+        else {
+            return false;
+        };
+        let mut are = false;
+        for topic in wanted {
+            if let Ok(Type::Unknown(shown)) = self.type_of(topic, &nodes) {
+                are |= shown.types.len() > 1 && shown.publishers > 0;
+                self.look_for_untyped(topic, shown, &endpoints);
+            }
+        }
+        are
     }
 
     /// How a recording introduces who publishes a topic.
