@@ -156,8 +156,10 @@ int rcl_get_topic_names_and_types(const struct rcl_node *node, struct allocator 
   return rmw_get_topic_names_and_types(node->impl, allocator, mangled, into);
 }
 
-int rcl_count_publishers(const struct rcl_node *node, const char *topic, size_t *count) {
-  return rmw_count_publishers(node->impl, topic, count);
+int rcl_get_publishers_info_by_topic(const struct rcl_node *node, struct allocator *allocator,
+                                     const char *topic, bool mangled,
+                                     struct endpoint_infos *into) {
+  return rmw_get_publishers_info_by_topic(node->impl, allocator, topic, mangled, into);
 }
 
 int rcl_get_publisher_names_and_types_by_node(const struct rcl_node *node,

@@ -121,7 +121,9 @@ int rcl_get_node_names(const struct rcl_node *node, struct allocator, struct str
                        struct strings *spaces);
 int rcl_get_topic_names_and_types(const struct rcl_node *node, struct allocator *, bool mangled,
                                   struct names_and_types *into);
-int rcl_count_publishers(const struct rcl_node *node, const char *topic, size_t *count);
+int rcl_get_publishers_info_by_topic(const struct rcl_node *node, struct allocator *,
+                                     const char *topic, bool mangled,
+                                     struct endpoint_infos *into);
 int rcl_get_publisher_names_and_types_by_node(const struct rcl_node *node, struct allocator *,
                                               bool mangled, const char *name, const char *space,
                                               struct names_and_types *into);

@@ -123,6 +123,15 @@ struct rmw_service_info {
   struct rmw_request_id id;
 };
 
+/* rmw_topic_endpoint_info_t, up to where the distributions differ. */
+struct endpoint_info {
+  char *node, *space, *type;
+};
+struct endpoint_infos {
+  size_t size;
+  char *first;
+};
+
 int rmw_init(const void *options, struct rmw_context *context);
 int rmw_context_fini(struct rmw_context *context);
 struct rmw_node *rmw_create_node(struct rmw_context *context, const char *name, const char *space);
@@ -130,7 +139,10 @@ int rmw_destroy_node(struct rmw_node *node);
 int rmw_get_node_names(const struct rmw_node *node, struct strings *names, struct strings *spaces);
 int rmw_get_topic_names_and_types(const struct rmw_node *node, struct allocator *, bool mangled,
                                   struct names_and_types *into);
-int rmw_count_publishers(const struct rmw_node *node, const char *topic, size_t *count);
+int rmw_get_publishers_info_by_topic(const struct rmw_node *node, struct allocator *,
+                                     const char *topic, bool mangled,
+                                     struct endpoint_infos *into);
+int rmw_topic_endpoint_info_array_fini(struct endpoint_infos *of, struct allocator *);
 int rmw_get_publisher_names_and_types_by_node(const struct rmw_node *node, struct allocator *,
                                               const char *name, const char *space, bool mangled,
                                               struct names_and_types *into);

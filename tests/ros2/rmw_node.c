@@ -213,21 +213,79 @@ int rmw_get_topic_names_and_types(const struct rmw_node *node, struct allocator 
   return RMW_OK;
 }
 
-struct counted {
+/* How long rmw_topic_endpoint_info_t is: in Humble, or since Iron, which added a hash of the type. */
+#define HUMBLE 144
+#define IRON 168
+
+struct publishers {
   const char *topic;
+  struct {
+    dds_guid_t participant;
+    char type[512];
+  } *found;
   size_t count;
 };
 
-static void count_one(const void *sample, void *state) {
+static void add_publisher(const void *sample, void *state) {
   const dds_builtintopic_endpoint_t *one = sample;
-  struct counted *counted = state;
-  if (strncmp(one->topic_name, "rt/", 3) == 0 && strcmp(one->topic_name + 2, counted->topic) == 0)
-    counted->count++;
+  struct publishers *all = state;
+  if (strncmp(one->topic_name, "rt/", 3) != 0 || strcmp(one->topic_name + 2, all->topic) != 0)
+    return;
+  all->found = realloc(all->found, (all->count + 1) * sizeof *all->found);
+  all->found[all->count].participant = one->participant_key;
+  demangle(one->type_name, all->found[all->count++].type);
 }
 
-int rmw_count_publishers(const struct rmw_node *node, const char *topic, size_t *count) {
-  struct counted counted = {topic, 0};
-  each(((const struct node *)node->data)->publications, count_one, &counted);
-  *count = counted.count;
+struct owner {
+  dds_guid_t participant;
+  char name[512], space[512];
+};
+
+static void find_owner(const void *sample, void *state) {
+  const dds_builtintopic_participant_t *one = sample;
+  struct owner *owner = state;
+  if (memcmp(&one->key, &owner->participant, sizeof one->key) != 0) return;
+  if (node_of(one, owner->name, owner->space)) return;
+  snprintf(owner->name, sizeof owner->name, "_CREATED_BY_BARE_DDS_APP_");
+  snprintf(owner->space, sizeof owner->space, "_CREATED_BY_BARE_DDS_APP_");
+}
+
+static char *copied(const char *text, struct allocator *by) {
+  char *copy = by->allocate(strlen(text) + 1, by->state);
+  return strcpy(copy, text);
+}
+
+int rmw_get_publishers_info_by_topic(const struct rmw_node *node, struct allocator *allocator,
+                                     const char *topic, bool mangled,
+                                     struct endpoint_infos *into) {
+  (void)mangled;
+  struct publishers all = {.topic = topic};
+  const struct node *own = node->data;
+  size_t length = is_set("STANDIN_DISTRIBUTION", "humble") ? HUMBLE : IRON;
+  each(own->publications, add_publisher, &all);
+  into->size = all.count;
+  into->first = allocator->zero_allocate(all.count, length, allocator->state);
+  for (size_t at = 0; at < all.count; at++) {
+    struct owner owner = {all.found[at].participant, "_NODE_NAME_UNKNOWN_",
+                          "_NODE_NAMESPACE_UNKNOWN_"};
+    struct endpoint_info *one = (void *)(into->first + at * length);
+    each(own->participants, find_owner, &owner);
+    one->node = copied(owner.name, allocator);
+    one->space = copied(owner.space, allocator);
+    one->type = copied(all.found[at].type, allocator);
+  }
+  free(all.found);
+  return RMW_OK;
+}
+
+int rmw_topic_endpoint_info_array_fini(struct endpoint_infos *of, struct allocator *by) {
+  size_t length = is_set("STANDIN_DISTRIBUTION", "humble") ? HUMBLE : IRON;
+  for (size_t at = 0; at < of->size; at++) {
+    struct endpoint_info *one = (void *)(of->first + at * length);
+    by->deallocate(one->node, by->state);
+    by->deallocate(one->space, by->state);
+    by->deallocate(one->type, by->state);
+  }
+  by->deallocate(of->first, by->state);
   return RMW_OK;
 }

@@ -134,6 +134,32 @@ def test_a_node_that_nobody_counts_proves_nothing(trial: Trial) -> None:
     assert "what /answering got on /in is proved no further than `sent`" in row["message"]
 
 
+# A node that does not count, whose name another one has.
+NAMESAKE = """
+import rclpy
+from sensor_msgs.msg import Imu
+rclpy.init()
+node = rclpy.create_node("answering")
+publisher = node.create_publisher(Imu, "/out", 10)
+rclpy.spin(node)
+"""
+
+
+@pytest.mark.parametrize("topics", [["/out"], ["/o.*"]])
+def test_what_a_namesake_publishes_as_another_type_is_missed(
+    trial: Trial, topics: list[str]
+) -> None:
+    beside = 'env -u LD_PRELOAD python3 -c "$0" & "$@"; wait'
+    command = ["bash", "-c", beside, NAMESAKE, *NODE, "single", "Answering"]
+    # Before it is there the play would be over.
+    realtime = {"mode": "realtime", "rate": 0.2}
+    row = trial.run(trial.spec(command, realtime, record={"topics": topics}))
+    assert row["reason"] == "RecordingIncomplete", row
+    assert "/out has publishers (at least 1) that do not count" in row["message"], row
+    # Which of them is recorded is by which one the graph has first.
+    assert all(of in row["message"] for of in ("sensor_msgs/msg/Imu", "std_msgs/msg/String")), row
+
+
 EITHER = pytest.mark.parametrize(
     ("node", "strength"),
     [([*NODE, "single", "Answering"], "called"), (PYTHON, "taken")],

@@ -84,6 +84,15 @@ pub trait Node: Send + Sync {
     /// The graph does not answer or refuses; the rest is left for the next time.
     fn look(&self) -> Result<Seen, GraphError>;
 
+    /// The topics that others publish now and that have no publisher in this state, as no name of a node leads to
+    /// them.
+    ///
+    /// # Errors
+    /// The graph does not answer or refuses.
+    fn unnamed_topics(&self, _state: &SystemState) -> Result<Vec<String>, GraphError> {
+        Ok(Vec::new())
+    }
+
     /// What else must be there before the play and is not, as what is waited for, such as
     /// `/planner to be active (it is inactive)`; by the last [`Node::look`].
     fn absent(&self) -> Vec<String> {

@@ -121,10 +121,17 @@ impl<'a> Discovery<'a> {
     }
 
     fn subscribe_to_matches(&self, state: &SystemState) -> Result<(), GraphError> {
-        for (topic, publishers) in &state.publishers {
-            let others = publishers.iter().any(|node| node != self.node.name());
-            if others && self.patterns.iter().any(|pattern| pattern.is_match(topic)) {
-                self.node.subscribe(topic)?;
+        if self.patterns.is_empty() {
+            return Ok(());
+        }
+        let of_others = state
+            .publishers
+            .iter()
+            .filter(|(_, all)| all.iter().any(|one| one != self.node.name()));
+        let named = of_others.map(|(topic, _)| topic.clone());
+        for topic in named.chain(self.node.unnamed_topics(state)?) {
+            if self.patterns.iter().any(|pattern| pattern.is_match(&topic)) {
+                self.node.subscribe(&topic)?;
             }
         }
         Ok(())

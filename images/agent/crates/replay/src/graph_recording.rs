@@ -144,7 +144,8 @@ impl Choice {
     fn subscribe(&self, node: &dyn Node) -> Result<u64, GraphError> {
         let Seen { state, again } = node.look()?;
         let known: BTreeSet<String> = node.subscribed_topics().into_iter().collect();
-        for topic in state.publishers.keys() {
+        let unnamed = node.unnamed_topics(&state)?;
+        for topic in state.publishers.keys().chain(&unnamed) {
             if !known.contains(topic) && self.takes(topic, &state) {
                 node.subscribe(topic)?;
             }

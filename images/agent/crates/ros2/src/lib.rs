@@ -28,6 +28,7 @@ mod link;
 mod middleware;
 mod node;
 mod options;
+mod other_types;
 mod qos;
 mod recording;
 mod seen;
@@ -40,7 +41,6 @@ mod topic;
 mod undetermined;
 mod unmet;
 mod unnamed;
-mod untyped;
 
 pub use middleware::Ros2;
 pub use options::Ros2Options;

@@ -14,6 +14,7 @@ use crate::acquaintance::Acquaintance;
 use crate::arrivals::Arrivals;
 use crate::clock::source_now;
 use crate::life::LifeCycles;
+use crate::other_types::OtherTypes;
 use crate::stillness::counted;
 use crate::topic::Means;
 use crate::unnamed::Unnamed;
@@ -40,6 +41,8 @@ pub(crate) struct Input {
     pub(crate) others: Mutex<BTreeSet<String>>,
     /// Programs that publish it and are no nodes.
     pub(crate) unnamed: Unnamed,
+    /// Who publishes it as another type.
+    pub(crate) other_types: OtherTypes,
 }
 
 impl Input {
@@ -88,6 +91,7 @@ impl Inputs {
             unrecordable: Mutex::default(),
             others: Mutex::default(),
             unnamed: Unnamed::default(),
+            other_types: OtherTypes::default(),
         };
         all.insert(subscription, Arc::new(input));
         drop(all);

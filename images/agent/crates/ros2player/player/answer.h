@@ -18,8 +18,10 @@ enum verb {
   VERB_LISTEN,      /* as to subscribe, but to what this program publishes itself */
   VERB_STATE,       /* a number below PLAYER_STATES, which is the node's from then on; its name; u32:
                      * how far it is (enum asked); u32: the state */
-  VERB_TOPIC,       /* a topic; u64: its publishers, whichever node's; u32: how many types; the types, with
-                     * librcl those of subscriptions among them */
+  VERB_TOPICS,      /* topics, whichever nodes have them: name; u32: how many types it has, with librcl those of
+                     * subscriptions among them */
+  VERB_TOPIC,       /* a topic; u32: how many publishers; of each: namespace and name of its node, which are not
+                     * those of a node where the graph has none; its type */
 };
 
 /* How far the question for a node's state is; each request takes it on by a step. */

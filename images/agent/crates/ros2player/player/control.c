@@ -71,6 +71,7 @@ static void obey(struct request *from, struct answer *into) {
     case VERB_SUBSCRIBE: create(from, into, subscription_add, false); return;
     case VERB_LISTEN: create(from, into, subscription_add, true); return;
     case VERB_GRAPH: middleware_graph(into); return;
+    case VERB_TOPICS: middleware_topics(into); return;
     case VERB_TOPIC: topic(from, into); return;
     case VERB_STATE:
       slot = request_number(from);

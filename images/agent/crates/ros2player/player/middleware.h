@@ -40,6 +40,7 @@ enum took { TOOK_ONE, TOOK_NOTHING, TOOK_TROUBLE };
 bool middleware_join(const char *name, const char *space, struct answer *into);
 void middleware_leave(void);
 void middleware_graph(struct answer *into);
+void middleware_topics(struct answer *into);
 void middleware_topic(const char *topic, struct answer *into);
 
 bool publisher_make(const struct wanted *wanted, struct answer *into);

@@ -26,6 +26,7 @@ pub(crate) enum Verb {
     Refusal,
     Listen,
     State,
+    Topics,
     Topic,
 }
 

@@ -1,5 +1,7 @@
 //! The nodes of the graph, and its topics.
 
+use std::collections::BTreeMap;
+
 use crate::PlayerError;
 use crate::control::Answer;
 
@@ -15,13 +17,14 @@ pub struct GraphNode {
     pub subscribes: Vec<(String, String)>,
 }
 
-/// A topic, whichever nodes have it: of two nodes of one name the graph shows what one of them has.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct GraphTopic {
-    /// How many publishers it has, the program's own among them.
-    pub publishers: u64,
-    /// Each type that it has, such as `sensor_msgs/msg/LaserScan`; with librcl also those that are subscribed to.
-    pub types: Vec<String>,
+/// A publisher of a topic, whichever node has it: of two nodes of one name a [`GraphNode`] shows what one of them
+/// has.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct GraphPublisher {
+    /// Its node's whole name; `None` of a program that is no node, or whose node is not announced yet.
+    pub node: Option<String>,
+    /// Its type, such as `sensor_msgs/msg/LaserScan`.
+    pub datatype: String,
 }
 
 /// Reads an answer to a request for the graph, after its status.
@@ -31,7 +34,7 @@ pub(crate) fn read(from: &mut Answer) -> Result<Vec<GraphNode>, PlayerError> {
         let namespace = from.text()?;
         let name = from.text()?;
         nodes.push(GraphNode {
-            name: format!("{}/{name}", namespace.trim_end_matches('/')),
+            name: whole_name(&namespace, &name),
             publishes: topics(from)?,
             subscribes: topics(from)?,
         });
@@ -47,9 +50,23 @@ fn topics(from: &mut Answer) -> Result<Vec<(String, String)>, PlayerError> {
     Ok(found)
 }
 
-/// Reads an answer to a request for a topic, after its status.
-pub(crate) fn read_topic(from: &mut Answer) -> Result<GraphTopic, PlayerError> {
-    let (publishers, count) = (from.long()?, from.number()?);
-    let types = (0..count).map(|_| from.text()).collect::<Result<_, _>>()?;
-    Ok(GraphTopic { publishers, types })
+/// Reads an answer to a request for the topics, after its status.
+pub(crate) fn read_topics(from: &mut Answer) -> Result<BTreeMap<String, u32>, PlayerError> {
+    (0..from.number()?).map(|_| Ok((from.text()?, from.number()?))).collect()
+}
+
+/// Reads an answer to a request for a topic's publishers, after its status.
+pub(crate) fn read_publishers(from: &mut Answer) -> Result<Vec<GraphPublisher>, PlayerError> {
+    let mut all = Vec::new();
+    for _ in 0..from.number()? {
+        let (namespace, name) = (from.text()?, from.text()?);
+        // Of who is no node, librcl has words in place of both.
+        let node = namespace.starts_with('/').then(|| whole_name(&namespace, &name));
+        all.push(GraphPublisher { node, datatype: from.text()? });
+    }
+    Ok(all)
+}
+
+fn whole_name(namespace: &str, name: &str) -> String {
+    format!("{}/{name}", namespace.trim_end_matches('/'))
 }

@@ -1,5 +1,6 @@
 //! The player as its callers have it.
 
+use std::collections::BTreeMap;
 use std::io::IoSlice;
 use std::os::fd::AsFd;
 use std::os::unix::net::UnixStream;
@@ -12,7 +13,7 @@ use rustix::net::{SendAncillaryBuffer, SendAncillaryMessage, SendFlags};
 use crate::control::{Answer, Control, Request, Verb, ended};
 use crate::error::MOST_ROOM;
 use crate::failure::{STATUS_DONE, failure};
-use crate::graph::{self, GraphNode, GraphTopic};
+use crate::graph::{self, GraphNode, GraphPublisher};
 use crate::layout::{ENDPOINTS, RECORD_MESSAGE, Record};
 use crate::memory::{Memory, Which};
 use crate::options::PlayerOptions;
@@ -286,13 +287,22 @@ impl Player {
         graph::read(&mut self.ask("list the graph", &Request::new(Verb::Graph), None)?)
     }
 
-    /// A topic of the graph by now, whichever nodes have it.
+    /// The graph's topics by now, whichever nodes have them, each with how many types it has: with librcl also those
+    /// of subscriptions.
     ///
     /// # Errors
-    /// rcl does not say, or not within the deadline.
-    pub fn topic_of_graph(&self, topic: &str) -> Result<GraphTopic, PlayerError> {
+    /// As of [`Player::graph`].
+    pub fn topics_of_graph(&self) -> Result<BTreeMap<String, u32>, PlayerError> {
+        graph::read_topics(&mut self.ask("list the topics", &Request::new(Verb::Topics), None)?)
+    }
+
+    /// Who publishes a topic by now, the program itself among them.
+    ///
+    /// # Errors
+    /// As of [`Player::graph`].
+    pub fn publishers_of(&self, topic: &str) -> Result<Vec<GraphPublisher>, PlayerError> {
         let request = Request::new(Verb::Topic).text(topic);
-        graph::read_topic(&mut self.ask("look up a topic", &request, None)?)
+        graph::read_publishers(&mut self.ask("list a topic's publishers", &request, None)?)
     }
 
     fn create(

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-use bagpipe_ros2player::{GraphTopic, Player, PlayerError, PlayerOptions};
+use bagpipe_ros2player::{GraphPublisher, Player, PlayerError, PlayerOptions};
 use standin::{
     ALL, Graph, LONG, RELIABLE, built, eventually, match_own, message, publish, threads_are,
     with_each_player, write_program,
@@ -68,21 +68,42 @@ fn the_graph_has_nodes_of_other_processes_with_their_topics() {
         assert_eq!(of("/bare").unwrap().publishes, []);
         let own = of("/bagpipe/player").unwrap();
         assert_eq!(own.publishes, [("/in".into(), "sensor_msgs/msg/Imu".into())]);
-        let topic = |publishers, types: &[&str]| {
-            let types = types.iter().map(|&one| one.to_owned()).collect();
-            GraphTopic { publishers, types }
+        let one = |node: &str, datatype: &str| GraphPublisher {
+            node: Some(node.to_owned()),
+            datatype: datatype.to_owned(),
         };
-        let found = |name: &str| player.topic_of_graph(name).unwrap();
-        assert_eq!(found("/out"), topic(1, &["std_msgs/msg/String"]));
-        assert_eq!(found("/in"), topic(1, &["sensor_msgs/msg/Imu"]));
-        assert_eq!(found("/ou"), topic(0, &[]));
+        let found = |name: &str| player.publishers_of(name).unwrap();
+        assert_eq!(found("/out"), [one("/ns/relay", "std_msgs/msg/String")]);
+        assert_eq!(found("/in"), [one("/bagpipe/player", "sensor_msgs/msg/Imu")]);
+        assert_eq!(found("/ou"), []);
+        // Of two nodes of one name the lists by node show what one of them has.
         let _namesake =
             graph.node(&["--name", "/ns/relay", "--pub", "/out:sensor_msgs/msg/Imu:1:reliable"]);
-        eventually(|| found("/out").publishers == 2);
+        eventually(|| found("/out").len() == 2);
         let mut both = found("/out");
-        both.types.sort();
-        assert_eq!(both, topic(2, &["sensor_msgs/msg/Imu", "std_msgs/msg/String"]));
+        both.sort_by(|one, other| one.datatype.cmp(&other.datatype));
+        let expected = ["sensor_msgs/msg/Imu", "std_msgs/msg/String"];
+        assert_eq!(both, expected.map(|datatype| one("/ns/relay", datatype)));
+        let topics = [("/in".to_owned(), 1), ("/out".to_owned(), 2)];
+        assert_eq!(player.topics_of_graph().unwrap(), topics.into());
     });
+}
+
+#[test]
+fn publishers_are_read_from_what_each_distribution_lists_them_in() {
+    let graph = Graph::new();
+    let mut options = graph.options();
+    options.environment.push(("STANDIN_DISTRIBUTION".into(), "humble".into()));
+    let player = Player::start(&options).unwrap();
+    let names: Vec<String> = (0..9).map(|one| format!("/{one}{}", "x".repeat(one * 20))).collect();
+    let topic = "/out:std_msgs/msg/String:1:reliable";
+    let _nodes: Vec<_> =
+        names.iter().map(|name| graph.node(&["--name", name, "--pub", topic])).collect();
+    let found = || player.publishers_of("/out").unwrap();
+    eventually(|| found().len() == names.len());
+    let mut nodes: Vec<String> = found().into_iter().filter_map(|one| one.node).collect();
+    nodes.sort();
+    assert_eq!(nodes, names);
 }
 
 #[test]

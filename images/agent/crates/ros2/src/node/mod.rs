@@ -2,6 +2,7 @@
 
 mod others;
 mod recorded;
+mod types;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -10,7 +11,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use bagpipe_graph::{
-    Audit, GraphError, Node, NodeOptions, PacedBy, Publication, Seen, Sink, TopicInfo,
+    Audit, GraphError, Node, NodeOptions, PacedBy, Publication, Seen, Sink, SystemState, TopicInfo,
 };
 use bagpipe_ros2ledger::{Flow, Ledger, LedgerError};
 use bagpipe_ros2player::{Player, Reliability};
@@ -25,7 +26,6 @@ use crate::stillness::Stillness;
 use crate::topic::{Means, Topic};
 use crate::undetermined::Undetermined;
 use crate::unmet::Unmet;
-use crate::untyped::Untyped;
 use crate::{QosOverride, Ros2Options, qos};
 
 /// A node of ours: the player's, with what the ledger says of the others.
@@ -42,7 +42,6 @@ pub(crate) struct Graph {
     stillness: Stillness,
     undetermined: Undetermined,
     unmet: Unmet,
-    untyped: Untyped,
     /// Whether what was published did once not come to us.
     lacked: AtomicBool,
     /// Whether every node counted and did its work at the last look.
@@ -89,7 +88,6 @@ impl Graph {
             stillness: Stillness::default(),
             undetermined: Undetermined::default(),
             unmet: Unmet::default(),
-            untyped: Untyped::default(),
             lacked: AtomicBool::new(false),
             all_spin: AtomicBool::new(false),
         })
@@ -168,17 +166,22 @@ impl Node for Graph {
             let publishing = self.publishing(&state, name);
             topic.note_publishers(publishing.chain(people_who_publish(&nodes, name)));
         }
-        self.subscribe_to_wanted(&look.endpoints, &nodes)?;
+        let types = self.topics_of_graph()?;
+        self.subscribe_to_wanted(&types, &look.endpoints)?;
         for (input, handed) in inputs.iter().zip(handed) {
             let others = self.publishing(&state, &input.topic);
             let others = others.chain(people_who_publish(&nodes, &input.topic)).cloned();
             input.others.lock().unwrap_or_else(PoisonError::into_inner).extend(others);
             self.compare(input, handed, &look);
-            self.compare_types(input, &nodes, &look.endpoints);
+            self.look_for_other_types(input, &types, &look.endpoints);
         }
         self.look_for_unnamed(&nodes, &look);
         self.look_for_unmet(&look);
         Ok(Seen { state, again: 0 })
+    }
+
+    fn unnamed_topics(&self, state: &SystemState) -> Result<Vec<String>, GraphError> {
+        self.topics_without_names(state)
     }
 
     fn absent(&self) -> Vec<String> {
@@ -193,7 +196,7 @@ impl Node for Graph {
         // A ledger that can't be read fails the next look.
         let _ = self.undetermined.begin(self.ledger());
         self.begin_without_unmet();
-        self.untyped.begin();
+        self.inputs.all().iter().for_each(|input| input.other_types.begin());
         self.inputs.lives.hold()
     }
 
@@ -252,16 +255,14 @@ impl Node for Graph {
         // Once more for a play that was shorter than who comes needs to be seen.
         if let Ok(nodes) = self.means.player.graph() {
             self.must_be_alone(&nodes);
-            if let Ok(endpoints) = self.ledger().endpoints() {
-                due.iter().for_each(|(input, _)| self.compare_types(input, &nodes, &endpoints));
-            }
         }
-        lacking.extend(self.untyped_at_last());
+        self.look_for_other_types_at_last();
         lacking.extend(self.inputs.failure());
         // Who came behind the last message has got those that are kept.
         lacking.extend(self.topics().iter().filter_map(|topic| topic.misread().map(str::to_owned)));
         for (input, due) in &due {
             lacking.extend(input.unrecordable().iter().cloned());
+            lacking.extend(input.other_types.lacking(&input.topic, &input.publisher.datatype));
             let (handed, published) = (input.arrivals.handed_by_mark(), input.account().offered());
             lacking.extend(self.own(input, handed.saturating_sub(published)));
             let missing = due.saturating_sub(handed);

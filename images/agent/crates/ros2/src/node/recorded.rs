@@ -1,12 +1,12 @@
 //! What is recorded, and whether all of it came.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, PoisonError};
 use std::time::{Duration, Instant};
 
 use bagpipe_graph::{GraphError, Node, Publication, Publisher};
 use bagpipe_ros2ledger::{Endpoint, EndpointId, Kind};
-use bagpipe_ros2player::{GraphNode, GraphTopic, Qos};
+use bagpipe_ros2player::Qos;
 
 use super::Graph;
 use crate::account::Publishes;
@@ -16,7 +16,7 @@ use crate::error::failed;
 use crate::recording::Input;
 use crate::topic::{Look, uncounted};
 use crate::unmet::{Begun, Ended};
-use crate::{qos, stamp, unnamed};
+use crate::{qos, stamp};
 
 /// How long a message may be on its way to us once all is over.
 pub(super) const ON_ITS_WAY: Duration = Duration::from_secs(1);
@@ -26,29 +26,16 @@ const MOST_LOOKS: u32 = 60;
 /// The longest pause between two of these: no call is always under way then that goes on for less.
 const BETWEEN: Duration = Duration::from_millis(17);
 
-/// What a topic's messages are.
-enum Type {
-    Known(String),
-    /// Nobody else publishes it, or it has several types: how it is shown, without our own publishers.
-    Unknown(GraphTopic),
-}
-
 impl Graph {
     /// Subscribes to what is wanted and whose type is known by now.
     pub(super) fn subscribe_to_wanted(
         &self,
+        types: &BTreeMap<String, u32>,
         endpoints: &[Endpoint],
-        nodes: &[GraphNode],
     ) -> Result<(), GraphError> {
         let wanted: Vec<String> = self.wanted().iter().cloned().collect();
-        for topic in wanted {
-            let datatype = match self.type_of(&topic, nodes)? {
-                Type::Known(datatype) => datatype,
-                Type::Unknown(shown) => {
-                    self.look_for_untyped(&topic, shown, endpoints);
-                    continue;
-                }
-            };
+        for topic in wanted.into_iter().filter(|topic| types.contains_key(topic)) {
+            let Some(datatype) = self.type_of(&topic)? else { continue };
             let all: Vec<&Endpoint> = published_on(&topic, endpoints).collect();
             let wanted = qos::recorded(all.iter().map(|one| &one.qos));
             let names: BTreeSet<&String> = all.iter().map(|one| &one.node).collect();
@@ -63,65 +50,6 @@ impl Graph {
             self.wanted().remove(&topic);
         }
         Ok(())
-    }
-
-    /// The type that others publish a topic as. Of two nodes of one name the graph shows what one of them
-    /// publishes: the other's topic may be known by the whole graph alone.
-    fn type_of(&self, topic: &str, nodes: &[GraphNode]) -> Result<Type, GraphError> {
-        let others = nodes.iter().filter(|node| node.name != self.name);
-        let mut published = others.flat_map(|node| node.publishes.iter());
-        if let Some((_, datatype)) = published.find(|(name, _)| name == topic) {
-            return Ok(Type::Known(datatype.clone()));
-        }
-        let GraphTopic { publishers, types } =
-            self.means.player.topic_of_graph(topic).map_err(failed)?;
-        let ours = self.topics().iter().filter(|played| played.info().topic == topic).count();
-        let others = publishers.saturating_sub(ours as u64);
-        Ok(match &types[..] {
-            [only] if others > 0 => Type::Known(only.clone()),
-            _ => Type::Unknown(GraphTopic { publishers: others, types }),
-        })
-    }
-
-    /// Takes in a look at a topic that others publish as it is `shown`: who counts is accounted for by what it
-    /// has published.
-    fn look_for_untyped(&self, topic: &str, shown: GraphTopic, endpoints: &[Endpoint]) {
-        let counts = published_on(topic, endpoints).filter(|one| !one.destroyed).count() as u64;
-        let more = if shown.types.len() > 1 { shown.publishers.saturating_sub(counts) } else { 0 };
-        self.untyped.look(topic, Instant::now(), more, shown.types);
-    }
-
-    /// What can't be recorded for want of a type. A play may be shorter than the looks that it takes to be
-    /// certain: they are made now.
-    pub(super) fn untyped_at_last(&self) -> Vec<String> {
-        let wanted = self.wanted().clone();
-        for _look in 0..=unnamed::LOOKS {
-            if !self.are_untyped(&wanted) {
-                break;
-            }
-            std::thread::sleep(unnamed::EVERY);
-        }
-        self.untyped.lacking()
-    }
-
-    /// Whether others publish one of these topics, which has several types; it is looked at.
-    fn are_untyped(&self, wanted: &BTreeSet<String>) -> bool {
-        if wanted.is_empty() {
-            return false;
-        }
-        // A graph or a ledger that can't be read is reported by who has read it before.
-        let (Ok(nodes), Ok(endpoints)) = (self.means.player.graph(), self.ledger().endpoints())
-        else {
-            return false;
-        };
-        let mut are = false;
-        for topic in wanted {
-            if let Ok(Type::Unknown(shown)) = self.type_of(topic, &nodes) {
-                are |= shown.types.len() > 1 && shown.publishers > 0;
-                self.look_for_untyped(topic, shown, &endpoints);
-            }
-        }
-        are
     }
 
     /// How a recording introduces who publishes a topic.
@@ -163,25 +91,6 @@ impl Graph {
                     "{} publishes {} {why}, for which the recorder was there already: publish it \
                      with one quality of service",
                     one.node, input.topic
-                ));
-            }
-        }
-    }
-
-    /// Takes in who publishes a recorded topic as another type, which reaches no recorder of this one.
-    pub(super) fn compare_types(&self, input: &Input, nodes: &[GraphNode], endpoints: &[Endpoint]) {
-        let recorded = &input.publisher.datatype;
-        for node in nodes.iter().filter(|node| node.name != self.name) {
-            let mut types = node.publishes.iter().filter(|(topic, _)| *topic == input.topic);
-            let Some((_, other)) = types.find(|(_, datatype)| datatype != recorded) else {
-                continue;
-            };
-            let mut own = published_on(&input.topic, endpoints).filter(|one| one.node == node.name);
-            if own.any(|one| one.counts.published > 0) {
-                input.unrecordable().insert(format!(
-                    "{} publishes {} as {other}, and it is recorded as {recorded}: a topic has one \
-                     type",
-                    node.name, input.topic
                 ));
             }
         }
@@ -342,7 +251,7 @@ impl Graph {
 }
 
 /// The publishers of a topic that count, also those that are gone.
-fn published_on<'e>(
+pub(super) fn published_on<'e>(
     topic: &'e str,
     endpoints: &'e [Endpoint],
 ) -> impl Iterator<Item = &'e Endpoint> {

@@ -5,6 +5,7 @@
 
 mod late;
 mod lost;
+mod other_types;
 #[path = "../scene/mod.rs"]
 mod scene;
 #[path = "../../../ros2player/tests/standin/mod.rs"]
@@ -13,7 +14,6 @@ mod stopped;
 mod strangers;
 mod unclear;
 mod unmatched;
-mod untyped;
 mod whole;
 
 use std::time::Duration;

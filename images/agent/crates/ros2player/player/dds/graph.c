@@ -11,6 +11,7 @@
 #define MOST_ENTITIES (1u << 16) /* of each kind */
 #define MOST_UNNAMED 4096
 #define MOST_TYPES 16 /* of one topic */
+#define UNREADABLE "the graph can't be read, or has 65536 endpoints"
 
 /* What a reader knows to be there, lent until it is given back. */
 struct lent {
@@ -211,47 +212,114 @@ void middleware_graph(struct answer *into) {
       add_participant(&graph, graph.participants.samples[at]);
   memcpy(into->bytes + place, &graph.nodes, sizeof graph.nodes);
   if (all) nodes_forget(is_there, &graph.participants);
-  else answer_failed(into, STATUS_REQUEST, "the graph can't be read, or has 65536 endpoints");
+  else answer_failed(into, STATUS_REQUEST, UNREADABLE);
   give_back(&graph.participants);
   give_back(&graph.publications);
   give_back(&graph.subscriptions);
 }
 
-/* Of those of a topic the types, each once; how many there are. */
-static uint32_t types(const struct lent *of, const char *topic, struct answer *into,
-                      uint64_t *endpoints) {
-  uint32_t count = 0;
+static bool is_on(const struct lent *of, size_t at, const char *topic) {
+  const dds_builtintopic_endpoint_t *one = of->samples[at];
+  return of->infos[at].valid_data && strncmp(one->topic_name, "rt/", 3) == 0 &&
+         strcmp(one->topic_name + 2, topic) == 0;
+}
+
+/* How many types a topic has, where `first` is the first on it. */
+static uint32_t count_types(const struct lent *of, size_t first, const char *topic) {
   const char *seen[MOST_TYPES];
-  for (size_t at = 0; at < of->count; at++) {
+  uint32_t count = 0;
+  for (size_t at = first; at < of->count && count < MOST_TYPES; at++) {
     const dds_builtintopic_endpoint_t *one = of->samples[at];
-    char type[800];
-    if (!of->infos[at].valid_data || strncmp(one->topic_name, "rt/", 3) != 0) continue;
-    if (strcmp(one->topic_name + 2, topic) != 0) continue;
-    (*endpoints)++;
+    if (!is_on(of, at, topic)) continue;
     bool known = false;
     for (uint32_t before = 0; before < count && !known; before++)
       known = strcmp(seen[before], one->type_name) == 0;
-    if (known || count == MOST_TYPES || !demangle(one->type_name, type)) continue;
-    answer_text(into, type);
-    seen[count++] = one->type_name;
+    if (!known) seen[count++] = one->type_name;
+  }
+  return count;
+}
+
+void middleware_topics(struct answer *into) {
+  struct lent lent;
+  if (!borrow(publications, &lent)) {
+    answer_failed(into, STATUS_REQUEST, UNREADABLE);
+    give_back(&lent);
+    return;
+  }
+  uint32_t count = 0;
+  answer_number(into, STATUS_DONE);
+  size_t place = into->length;
+  answer_number(into, 0);
+  for (size_t at = 0; at < lent.count; at++) {
+    const dds_builtintopic_endpoint_t *one = lent.samples[at];
+    bool known = !lent.infos[at].valid_data || strncmp(one->topic_name, "rt/", 3) != 0;
+    for (size_t before = 0; before < at && !known; before++)
+      known = is_on(&lent, before, one->topic_name + 2);
+    if (known) continue;
+    answer_text(into, one->topic_name + 2);
+    answer_number(into, count_types(&lent, at, one->topic_name + 2));
+    count++;
+  }
+  memcpy(into->bytes + place, &count, sizeof count);
+  give_back(&lent);
+}
+
+/* Whose an endpoint is: both empty as long as that is not known. */
+struct whose {
+  const dds_guid_t *endpoint;
+  char space[512], name[512];
+};
+
+static void find_endpoint(const struct announced_node *node, void *state) {
+  struct whose *whose = state;
+  if (!guids_have(&node->writers, whose->endpoint)) return;
+  snprintf(whose->space, sizeof whose->space, "%s", node->space);
+  snprintf(whose->name, sizeof whose->name, "%s", node->name);
+}
+
+/* As `add_participant` calls it. */
+static void find_node(const struct lent *all, const dds_guid_t *participant, struct whose *whose) {
+  char data[1024] = "";
+  for (size_t at = 0; at < all->count && data[0] == 0; at++) {
+    const dds_builtintopic_participant_t *one = all->samples[at];
+    if (all->infos[at].valid_data && memcmp(&one->key, participant, sizeof one->key) == 0)
+      user_data(one, data);
+  }
+  if (part_of(data, "name=", whose->name) && part_of(data, "namespace=", whose->space)) return;
+  whose->name[0] = whose->space[0] = 0;
+  if (nodes_of(participant, find_endpoint, whose) || strstr(data, "enclave=") != NULL) return;
+  snprintf(whose->space, sizeof whose->space, "/");
+  snprintf(whose->name, sizeof whose->name, "unnamed_dds_participant_%zu", number_of(participant));
+}
+
+static uint32_t add_publishers(const struct lent *publishers, const struct lent *owners,
+                               const char *topic, struct answer *into) {
+  uint32_t count = 0;
+  for (size_t at = 0; at < publishers->count; at++) {
+    const dds_builtintopic_endpoint_t *one = publishers->samples[at];
+    char type[800];
+    if (!is_on(publishers, at, topic)) continue;
+    struct whose whose = {.endpoint = &one->key};
+    find_node(owners, &one->participant_key, &whose);
+    answer_text(into, whose.space);
+    answer_text(into, whose.name);
+    answer_text(into, demangle(one->type_name, type) ? type : one->type_name);
+    count++;
   }
   return count;
 }
 
 void middleware_topic(const char *topic, struct answer *into) {
-  struct lent lent;
-  if (!borrow(publications, &lent)) {
-    answer_failed(into, STATUS_REQUEST, "the graph can't be read, or has 65536 endpoints");
-    give_back(&lent);
-    return;
-  }
-  uint64_t endpoints = 0;
+  struct lent owners, publishers;
+  bool all = borrow(participants, &owners);
+  all = borrow(publications, &publishers) && all;
+  nodes_refresh();
   answer_number(into, STATUS_DONE);
   size_t place = into->length;
-  answer_long(into, 0);
   answer_number(into, 0);
-  uint32_t count = types(&lent, topic, into, &endpoints);
-  memcpy(into->bytes + place, &endpoints, sizeof endpoints);
-  memcpy(into->bytes + place + sizeof endpoints, &count, sizeof count);
-  give_back(&lent);
+  uint32_t count = add_publishers(&publishers, &owners, topic, into);
+  memcpy(into->bytes + place, &count, sizeof count);
+  if (!all) answer_failed(into, STATUS_REQUEST, UNREADABLE);
+  give_back(&owners);
+  give_back(&publishers);
 }

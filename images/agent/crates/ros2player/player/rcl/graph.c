@@ -1,5 +1,6 @@
 /* The nodes of the graph, with what they publish and subscribe to, and its topics. */
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "rcl.h"
@@ -49,35 +50,81 @@ void middleware_graph(struct answer *into) {
   (void)!rcl.rcutils_string_array_fini(&spaces);
 }
 
-static void types(struct answer *into, const struct names_and_types *found, const char *topic) {
-  for (size_t one = 0; one < found->names.size; one++) {
-    if (strcmp(found->names.data[one], topic) != 0) continue;
-    const struct strings *types = &found->types[one];
-    answer_number(into, (uint32_t)types->size);
-    for (size_t at = 0; at < types->size; at++) answer_text(into, types->data[at]);
-    return;
-  }
-  answer_number(into, 0);
-}
-
-/* Of the whole graph: of two nodes of one name the lists by node show what one of them has. */
-void middleware_topic(const char *topic, struct answer *into) {
+/* The topics of the whole graph: of two nodes of one name the lists by node show what one of them has. */
+void middleware_topics(struct answer *into) {
   struct allocator allocator = rcl.rcutils_get_default_allocator();
   struct names_and_types found;
-  size_t publishers = 0;
   memset(&found, 0, sizeof found);
-  int failed = rcl.rcl_count_publishers(&node, topic, &publishers);
-  if (failed) {
-    answer_rcl(into, "rcl_count_publishers", failed);
-    return;
-  }
-  failed = rcl.rcl_get_topic_names_and_types(&node, &allocator, false, &found);
+  int failed = rcl.rcl_get_topic_names_and_types(&node, &allocator, false, &found);
   if (failed) {
     answer_rcl(into, "rcl_get_topic_names_and_types", failed);
     return;
   }
   answer_number(into, STATUS_DONE);
-  answer_long(into, publishers);
-  types(into, &found, topic);
+  answer_number(into, (uint32_t)found.names.size);
+  for (size_t one = 0; one < found.names.size; one++) {
+    answer_text(into, found.names.data[one]);
+    answer_number(into, (uint32_t)found.types[one].size);
+  }
   (void)!rcl.rcl_names_and_types_fini(&found);
+}
+
+/* The largest block that was asked for: where several endpoints are listed, their array. */
+struct largest {
+  void *at;
+  size_t bytes;
+};
+
+static void *noted(void *at, size_t bytes, void *state) {
+  struct largest *largest = state;
+  if (at != NULL && bytes > largest->bytes) *largest = (struct largest){at, bytes};
+  return at;
+}
+
+static void *allocate(size_t bytes, void *state) { return noted(malloc(bytes), bytes, state); }
+
+static void *zero_allocate(size_t count, size_t bytes, void *state) {
+  return noted(calloc(count, bytes), count * bytes, state);
+}
+
+static void *reallocate(void *at, size_t bytes, void *state) {
+  return noted(realloc(at, bytes), bytes, state);
+}
+
+static void deallocate(void *at, void *state) {
+  (void)state;
+  free(at);
+}
+
+/* How long one of those listed is, by what their array took; 0 if that is not to be had. */
+static size_t length_of_one(const struct endpoint_infos *found, const struct largest *largest) {
+  if (found->size < 2) return sizeof(struct endpoint_info);
+  size_t one = largest->bytes / found->size;
+  bool whole = largest->at == found->first && one * found->size == largest->bytes;
+  return whole && one >= sizeof(struct endpoint_info) && one % sizeof(void *) == 0 ? one : 0;
+}
+
+void middleware_topic(const char *topic, struct answer *into) {
+  struct largest largest = {NULL, 0};
+  struct allocator noting = {allocate, deallocate, reallocate, zero_allocate, &largest};
+  struct endpoint_infos found = {0, NULL};
+  int failed = rcl.rcl_get_publishers_info_by_topic(&node, &noting, topic, false, &found);
+  if (failed) {
+    answer_rcl(into, "rcl_get_publishers_info_by_topic", failed);
+    return;
+  }
+  size_t length = length_of_one(&found, &largest);
+  if (length == 0) {
+    answer_call(into, "rcl_get_publishers_info_by_topic", failed, "its array is none of ROS 2's");
+  } else {
+    answer_number(into, STATUS_DONE);
+    answer_number(into, (uint32_t)found.size);
+    for (size_t at = 0; at < found.size; at++) {
+      const struct endpoint_info *one = (const void *)(found.first + at * length);
+      answer_text(into, one->space == NULL ? "" : one->space);
+      answer_text(into, one->node == NULL ? "" : one->node);
+      answer_text(into, one->type == NULL ? "" : one->type);
+    }
+  }
+  (void)!rcl.rmw_topic_endpoint_info_array_fini(&found, &noting);
 }

@@ -58,6 +58,16 @@ struct names_and_types {
   struct strings *types; /* for each name */
 };
 
+/* rmw_topic_endpoint_info_array_t. How long one of them is differs between distributions. */
+struct endpoint_infos {
+  size_t size;
+  char *first;
+};
+/* What rmw_topic_endpoint_info_t begins with in all of them. */
+struct endpoint_info {
+  const char *node, *space, *type;
+};
+
 /* Result, name, arguments; of guard conditions, the options are an allocator and nothing else. */
 #define RCL_FUNCTIONS(X)                                                                           \
   X(struct allocator, rcutils_get_default_allocator, (void))                                       \
@@ -108,7 +118,10 @@ struct names_and_types {
   X(int, rcl_wait, (void *set, int64_t nanoseconds))                                               \
   X(int, rcl_get_node_names, (const void *node, struct allocator, struct strings *names,           \
                               struct strings *spaces))                                             \
-  X(int, rcl_count_publishers, (const void *node, const char *topic, size_t *count))               \
+  X(int, rcl_get_publishers_info_by_topic, (const void *node, struct allocator *,                  \
+                                            const char *topic, bool mangled,                       \
+                                            struct endpoint_infos *))                              \
+  X(int, rmw_topic_endpoint_info_array_fini, (struct endpoint_infos *, struct allocator *))        \
   X(int, rcl_get_topic_names_and_types, (const void *node, struct allocator *, bool mangled,       \
                                          struct names_and_types *))                                \
   X(int, rcl_get_publisher_names_and_types_by_node,                                                \

@@ -1,0 +1,178 @@
+//! Who publishes a recorded topic as another type than the recorded one: it reaches no recorder of that.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+
+use bagpipe_ros2player::GraphPublisher;
+
+use crate::unnamed::Unnamed;
+
+/// Those of a topic at one look.
+#[derive(Debug, Default, PartialEq, Eq)]
+pub(crate) struct Differing {
+    /// Nodes that count, each with the type that it publishes: the ledger has whether it did.
+    pub(crate) counting: Vec<(String, String)>,
+    /// How many do not count.
+    pub(crate) uncounted: u64,
+    /// The types of all of these.
+    pub(crate) types: BTreeSet<String>,
+}
+
+/// Takes from the publishers of a topic, but our own, those of another type than `recorded`. `counting` has how many
+/// publishers of the topic each node has in the ledger, also those of killed processes, which the graph shows for a
+/// while.
+pub(crate) fn differing(
+    shown: &[GraphPublisher],
+    recorded: &str,
+    counting: &BTreeMap<&str, u64>,
+) -> Differing {
+    let mut found = Differing::default();
+    let mut by_node: BTreeMap<Option<&str>, Vec<&str>> = BTreeMap::new();
+    for one in shown {
+        by_node.entry(one.node.as_deref()).or_default().push(&one.datatype);
+    }
+    // A node that counts has no name in the graph for a moment.
+    let more = (shown.len() as u64).saturating_sub(counting.values().sum());
+    for (node, types) in by_node {
+        let listed = node.and_then(|node| counting.get(node)).copied().unwrap_or_default();
+        let uncounted = match node {
+            Some(_) => (types.len() as u64).saturating_sub(listed),
+            None => more.min(types.len() as u64),
+        };
+        let others: Vec<&str> = types.into_iter().filter(|of| *of != recorded).collect();
+        found.uncounted += uncounted.min(others.len() as u64);
+        found.types.extend(others.iter().map(|&of| of.to_owned()));
+        if let (Some(node), Some(first)) = (node, others.first())
+            && others.len() as u64 > uncounted
+        {
+            found.counting.push((node.to_owned(), (*first).to_owned()));
+        }
+    }
+    found
+}
+
+/// Those of a recorded topic that do not count, during a play.
+#[derive(Debug, Default)]
+pub(crate) struct OtherTypes(Mutex<Seen>);
+
+#[derive(Debug, Default)]
+struct Seen {
+    publishers: Unnamed,
+    types: BTreeSet<String>,
+}
+
+impl OtherTypes {
+    /// What was seen before the play matters no more.
+    pub(crate) fn begin(&self) {
+        *self.seen() = Seen::default();
+    }
+
+    /// Takes in a look at a moment, if the last one is not just over.
+    pub(crate) fn look(&self, now: Instant, differing: impl FnOnce() -> Differing) {
+        let mut seen = self.seen();
+        let Seen { publishers, types } = &mut *seen;
+        publishers.look(now, || {
+            let found = differing();
+            if found.uncounted > 0 {
+                types.extend(found.types);
+            }
+            found.uncounted
+        });
+    }
+
+    /// What is missing in the recording of a topic, as a sentence.
+    pub(crate) fn lacking(&self, topic: &str, recorded: &str) -> Option<String> {
+        let seen = self.seen();
+        let many = seen.publishers.seen();
+        let types: Vec<&str> = seen.types.iter().map(String::as_str).collect();
+        (many > 0).then(|| {
+            format!(
+                "{topic} has publishers (at least {many}) that do not count and publish it as {}, and it is recorded \
+                 as {recorded}: a topic has one type",
+                types.join(" and as ")
+            )
+        })
+    }
+
+    fn seen(&self) -> MutexGuard<'_, Seen> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use super::*;
+
+    fn shown(publishers: &[(&str, &str)]) -> Vec<GraphPublisher> {
+        let one = |&(node, datatype): &(&str, &str)| GraphPublisher {
+            node: (!node.is_empty()).then(|| node.to_owned()),
+            datatype: datatype.to_owned(),
+        };
+        publishers.iter().map(one).collect()
+    }
+
+    /// Who counts, and how many do not, where A is recorded.
+    fn found(publishers: &[(&str, &str)], counting: &[(&str, u64)]) -> (Vec<String>, u64) {
+        let counting = counting.iter().copied().collect();
+        let found = differing(&shown(publishers), "A", &counting);
+        (
+            found.counting.into_iter().map(|(node, of)| format!("{node} {of}")).collect(),
+            found.uncounted,
+        )
+    }
+
+    fn none(uncounted: u64) -> (Vec<String>, u64) {
+        (Vec::new(), uncounted)
+    }
+
+    #[test]
+    fn of_one_type_nobody_differs() {
+        assert_eq!(found(&[], &[]), none(0));
+        assert_eq!(found(&[("/a", "A"), ("/b", "A"), ("", "A")], &[("/a", 1)]), none(0));
+    }
+
+    #[test]
+    fn who_counts_is_named_with_its_type() {
+        let all = [("/a", "A"), ("/b", "B"), ("/c", "C"), ("/c", "C")];
+        let counting = [("/a", 1), ("/b", 1), ("/c", 2)];
+        assert_eq!(found(&all, &counting), (vec!["/b B".to_owned(), "/c C".to_owned()], 0));
+    }
+
+    #[test]
+    fn who_has_a_name_that_another_has_and_does_not_count_is_one_more_than_the_ledger_has() {
+        assert_eq!(found(&[("/a", "A"), ("/a", "B")], &[("/a", 1)]), none(1));
+        assert_eq!(found(&[("/a", "B"), ("/a", "B")], &[("/a", 1)]), (vec!["/a B".to_owned()], 1));
+        // Which of them is of the other type can't be known.
+        assert_eq!(found(&[("/a", "A"), ("/a", "A"), ("/a", "B")], &[("/a", 1)]), none(1));
+        // One that is in the graph no more is in the ledger until it is destroyed.
+        assert_eq!(found(&[("/a", "B")], &[("/a", 2)]), (vec!["/a B".to_owned()], 0));
+    }
+
+    #[test]
+    fn who_has_no_name_may_be_one_that_counts() {
+        assert_eq!(found(&[("/a", "A"), ("", "B")], &[("/a", 1)]), none(1));
+        assert_eq!(found(&[("", "A"), ("", "B")], &[("/a", 1), ("/b", 1)]), none(0));
+        assert_eq!(found(&[("", "B"), ("", "C"), ("", "A")], &[("/a", 1)]), none(2));
+    }
+
+    #[test]
+    fn who_is_there_at_three_looks_in_a_row_is_missed() {
+        let (others, begun) = (OtherTypes::default(), Instant::now());
+        let look = |at: u64, uncounted: u64| {
+            let types = BTreeSet::from(["B".to_owned()]);
+            let differing = Differing { uncounted, types, ..Differing::default() };
+            others.look(begun + Duration::from_millis(at * 200), || differing);
+        };
+        (0..).zip([1, 1, 0, 2, 1]).for_each(|(at, uncounted)| look(at, uncounted));
+        assert_eq!(others.lacking("/talk", "A"), None);
+        look(5, 1);
+        let lacking = others.lacking("/talk", "A").unwrap_or_default();
+        let begin = "/talk has publishers (at least 1) that do not count and publish it as B, and it is recorded as A:";
+        assert!(lacking.starts_with(begin), "{lacking}");
+        others.begin();
+        assert_eq!(others.lacking("/talk", "A"), None);
+    }
+}
