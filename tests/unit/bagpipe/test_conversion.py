@@ -1,5 +1,6 @@
-"""Messages of ROS 1 as messages of ROS 2: the same values, or a refusal."""
+"""Messages of one ROS as messages of the other: the same values, or a refusal."""
 
+import hashlib
 import random
 from typing import Any
 
@@ -8,7 +9,7 @@ import pytest
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from bagpipe.conversion import ConversionError, to_ros2
+from bagpipe.conversion import ConversionError, to_ros1, to_ros2
 
 OLD, NEW = get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_JAZZY)
 HEADER = "std_msgs/msg/Header"
@@ -174,3 +175,149 @@ def test_bytes_that_are_no_such_message_are_refused() -> None:
     for raw in (b"", b"\5\0\0\0abc", b"\1\0\0\0ab"):
         with pytest.raises(ConversionError, match="it is no std_msgs/msg/String"):
             found.convert(raw)
+
+
+def of_ros2(kind: str) -> str:
+    return str(NEW.generate_msgdef(kind, ros_version=2)[0])
+
+
+def into_ros1(kind: str, raw: bytes) -> bytes:
+    return to_ros1(kind, of_ros2(kind), "ros2msg").convert(raw)
+
+
+@pytest.mark.parametrize("kind", BOTH)
+def test_each_value_of_a_type_that_ros_1_has_is_there_and_its_definition_is_ros_1_s(
+    kind: str,
+) -> None:
+    chance = random.Random(kind)  # noqa: S311
+    back = to_ros1(kind, of_ros2(kind), "ros2msg")
+    text, md5sum = OLD.generate_msgdef(kind, ros_version=1)
+    assert (back.kind, back.definition, back.md5sum, back.added) == (kind, text, md5sum, ())
+    if kind in REFUSED:
+        return
+    there = to_ros2(kind, definition(kind))
+    for _ in range(5):
+        cdr = there.convert(bytes(OLD.serialize_ros1(message(kind, chance), kind)))
+        old: Any = OLD.deserialize_ros1(back.convert(cdr), kind)
+        same(kind, old, NEW.deserialize_cdr(cdr, kind))
+        # The order of its bytes is a message's own.
+        big = NEW.serialize_cdr(NEW.deserialize_cdr(cdr, kind), kind, little_endian=False)
+        assert back.convert(bytes(big)) == back.convert(cdr)
+
+
+@pytest.mark.parametrize("kind", sorted(set(NEW.fielddefs) - set(OLD.fielddefs)))
+def test_a_type_that_ros_2_alone_has_keeps_its_fields(kind: str) -> None:
+    found = to_ros1(kind, of_ros2(kind), "ros2msg")
+    names = [name for name, _ in get_types_from_msg(found.definition, kind)[kind][1]]
+    assert names == [name for name, _ in NEW.fielddefs[kind][1] if name != PLACEHOLDER]
+    assert len(found.md5sum) == 32
+
+
+def test_a_type_that_nobody_knows_loses_its_bounds_and_has_ros_1_s_header() -> None:
+    text = f"std_msgs/Header header\nbyte a\nstring<=9[<=4] s\nmine/Part[2] parts\n{'=' * 80}\n"
+    text += f"MSG: mine/Part\nbuiltin_interfaces/Duration d\nint32[<=3] n\n{'=' * 80}\n"
+    text += f"MSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n{'=' * 80}\n"
+    text += f"MSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n{'=' * 80}\n"
+    text += "MSG: builtin_interfaces/Duration\nint32 sec\nuint32 nanosec\n"
+    found = to_ros1("mine/msg/Whole", text, "ros2msg")
+    # As gendeps and rosmsg have it: by hand, of the text without its sub-types.
+    part = hashlib.md5(b"duration d\nint32[] n").hexdigest()  # noqa: S324
+    header = "2176decaecbce78abc3b96ef049fabed"
+    own = f"{header} header\nuint8 a\nstring[] s\n{part} parts"
+    assert found.md5sum == hashlib.md5(own.encode()).hexdigest()  # noqa: S324
+    cdr = b"\0\1\0\0\5\0\0\0\6\0\0\0\3\0\0\0hi\0\xfe\1\0\0\0\2\0\0\0s\0\0\0"
+    cdr += 2 * b"\1\0\0\0\2\0\0\0\1\0\0\0\7\0\0\0"
+    raw = b"\0\0\0\0\5\0\0\0\6\0\0\0\2\0\0\0hi\xfe\1\0\0\0\1\0\0\0s"
+    raw += 2 * b"\1\0\0\0\2\0\0\0\1\0\0\0\7\0\0\0"
+    assert found.convert(cdr) == raw
+
+
+def test_a_type_that_the_recording_does_not_define_is_jazzy_s_or_refused() -> None:
+    kind = "geometry_msgs/msg/PoseStamped"
+    assert to_ros1(kind, "", "").definition == definition(kind)
+    with pytest.raises(
+        ConversionError, match="no definition of test_msgs/msg/Empty, nor has Jazzy"
+    ):
+        to_ros1("test_msgs/msg/Empty", "", "")
+    # One without fields has an empty definition.
+    assert to_ros1("test_msgs/msg/Empty", "", "ros2msg").convert(b"\0\1\0\0\0") == b""
+
+
+def test_a_field_that_ros_1_does_not_have_is_refused_where_it_is_not_empty() -> None:
+    kind = "sensor_msgs/msg/Range"
+    header = NEW.types[HEADER](NEW.types["builtin_interfaces/msg/Time"](1, 2), "f")
+
+    def cdr(variance: float) -> bytes:
+        one = NEW.types[kind](header, 1, 0.5, 0.25, 2.0, 1.5, variance)
+        return bytes(NEW.serialize_cdr(one, kind))
+
+    old: Any = OLD.deserialize_ros1(into_ros1(kind, cdr(0.0)), kind)
+    assert (old.header.seq, old.header.frame_id, old.max_range, old.range) == (0, "f", 2.0, 1.5)
+    with pytest.raises(ConversionError, match=r"its sensor_msgs/msg/Range\.variance is not empty"):
+        into_ros1(kind, cdr(0.5))
+    # As deep as it may be.
+    kind = "visualization_msgs/msg/InteractiveMarkerUpdate"
+    chance = random.Random(1)  # noqa: S311
+    there = to_ros2(kind, definition(kind))
+    while True:
+        update = message(kind, chance)
+        markers = [one for pose in update.markers for c in pose.controls for one in c.markers]
+        if markers:
+            break
+    new: Any = NEW.deserialize_cdr(there.convert(bytes(OLD.serialize_ros1(update, kind))), kind)
+    into_ros1(kind, bytes(NEW.serialize_cdr(new, kind)))
+    last = [one for pose in new.markers for c in pose.controls for one in c.markers][-1]
+    for name, value in (
+        ("texture_resource", "a"),
+        ("uv_coordinates", [NEW.types["visualization_msgs/msg/UVCoordinate"](0.0, 0.0)]),
+        ("texture", NEW.types["sensor_msgs/msg/CompressedImage"](header, "", np.empty(0, "u1"))),
+    ):
+        before = getattr(last, name)
+        object.__setattr__(last, name, value)
+        with pytest.raises(ConversionError, match=rf"Marker\.{name} is not empty"):
+            into_ros1(kind, bytes(NEW.serialize_cdr(new, kind)))
+        object.__setattr__(last, name, before)
+
+
+def test_what_has_no_place_in_ros_1_is_refused_by_its_field() -> None:
+    with pytest.raises(ConversionError, match="nor ROS 1 has a/msg/wstring"):
+        to_ros1("a/msg/A", "wstring[] s", "ros2msg")
+    odd = f"std_msgs/Header h\n{'=' * 80}\nMSG: std_msgs/Header\nint32 count\n"
+    with pytest.raises(ConversionError, match="Header has the fields count"):
+        to_ros1("a/msg/A", odd, "ros2msg")
+    with pytest.raises(ConversionError, match="no messages of services and actions"):
+        to_ros1("example_interfaces/srv/AddTwoInts_Event", "int32 a", "ros2msg")
+    with pytest.raises(ConversionError, match="no messages of services and actions"):
+        to_ros1("example_interfaces/action/Fibonacci_Feedback", "int32 a", "ros2msg")
+    with pytest.raises(ConversionError, match=r"String\.data is of another type in ROS 1"):
+        to_ros1("std_msgs/msg/String", "int32 data", "ros2msg")
+    with pytest.raises(ConversionError, match=r"String\.more is not empty"):
+        to_ros1("std_msgs/msg/String", "string data\nint32 more", "ros2msg").convert(
+            b"\0\1\0\0\1\0\0\0\0\0\0\0\1\0\0\0"
+        )
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a/B b",
+        "",
+        "int32",
+        "string[] s\n\0",
+        "a/A a",
+        "mine/Gone g",
+        "int32 class",
+        "int32[9999999] a",
+    ],
+)
+@pytest.mark.parametrize("encoding", ["ros2msg", "ros2idl"])
+def test_any_text_as_a_definition_of_ros_2_is_a_conversion_or_a_sentence(
+    text: str, encoding: str
+) -> None:
+    try:
+        found = to_ros1("a/msg/A", text, encoding)
+    except ConversionError as error:
+        assert "a/" in str(error) or "mine/" in str(error)
+    else:
+        with pytest.raises(ConversionError, match="it is no a/msg/A"):
+            found.convert(b"\1\2\3")

@@ -1,7 +1,7 @@
-"""Messages of ROS 1 as ROS 2 serialises them (CDR), by the definitions that their recording has.
+"""Messages of one ROS as the other has them, by the definitions that their recording has.
 
-A type that Jazzy has gets Jazzy's definition, since its nodes take no other; any other keeps its
-own. In ROS 2 a header has no `seq`.
+A type that the other one has (Jazzy, Noetic) gets its definition, since its nodes take no other;
+any other keeps its own fields. A header of ROS 1 has a `seq`, which is 0 in what comes from ROS 2.
 """
 
 from collections.abc import Callable
@@ -9,38 +9,47 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
 
-from rosbags.convert.converter import migrate_bytes
+from rosbags.convert.converter import migrate_bytes, migrate_message
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
 from bagpipe.definitions import HEADER, full_name, types_in
+from bagpipe.unconverted import Unconverted, name_in
 
 # What has another name in ROS 2, and the same fields.
 _RENAMED = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
-# A char of ROS 1 is an uint8, and one of ROS 2, too.
+# A char of ROS 1 is an uint8, and one of ROS 2, too. A byte of ROS 2 is one, and of ROS 1 an int8.
 _ALIASES = {"char": "uint8"}
+_OCTETS = {"char": "uint8", "byte": "uint8"}
 _BUILT_IN = "builtin_interfaces/msg/"
+# With which a message in CDR begins.
+_LITTLE_ENDIAN = b"\0\1"
 
 
 class ConversionError(ValueError):
-    """A type or a message can't be one of ROS 2; the sentence says why."""
+    """A type or a message can't be one of the other ROS; the sentence says why."""
 
 
 @dataclass(frozen=True)
 class Conversion:
-    """How messages of a type of ROS 1 become messages of ROS 2."""
+    """How messages of a type become messages of the other ROS."""
 
+    # As rosbags has its name, such as sensor_msgs/msg/Imu.
     kind: str
     definition: str
-    # Fields that ROS 2 alone has, which are 0 or empty, as Type.field.
+    # Of a type of ROS 1.
+    md5sum: str
+    # Fields that the other ROS alone has, which are 0 or empty, as Type.field.
     added: tuple[str, ...]
     _bytes: Callable[[bytes | memoryview], memoryview] = field(repr=False)
 
     def convert(self, message: bytes | memoryview) -> bytes:
-        """The message in CDR. Raises ConversionError for bytes that are no such message."""
+        """The message as the other one has it. Raises ConversionError for bytes that are none."""
         try:
             return bytes(self._bytes(message))
+        except ConversionError:
+            raise
         except Exception as error:  # rosbags raises whatever its generated code does
             raise ConversionError(f"it is no {self.kind}: {error}") from error
 
@@ -58,16 +67,48 @@ def to_ros2(kind: str, definition: str) -> Conversion:
         old.register(types)
         new.register(_of_ros2(types, name, target))
     except Exception as error:  # as at decoding: a definition is anybody's text
-        raise ConversionError(f"{kind}: its definition can't be read: {error}") from error
-    found = _Comparison(old, new)
+        raise _unreadable(kind, error) from error
+    found = _Comparison(old, new, "ROS 2", "ROS 1", _ALIASES)
     found.compare(name, target, ())
     text = str(new.generate_msgdef(target, ros_version=2)[0])
-    return Conversion(
-        target, text, tuple(dict.fromkeys(found.added)), _converter(found, name, target)
-    )
+    added = tuple(dict.fromkeys(found.added))
+    return Conversion(target, text, "", added, _into_ros2(found, name, target))
 
 
-def _converter(
+def to_ros1(kind: str, definition: str, schema_encoding: str) -> Conversion:
+    """For messages of a type of ROS 2, by its whole definition in `ros2msg` or `ros2idl`.
+
+    Where the recording has none (rosbag2's databases before Iron) the encoding is empty: Jazzy's is
+    taken.
+
+    Raises ConversionError where ROS 1 has no place for what a message holds.
+    """
+    name = full_name(kind)
+    if name.split("/")[1:-1] != ["msg"]:
+        raise ConversionError(f"{kind}: ROS 1 has no messages of services and actions as a type")
+    try:
+        types = types_in(kind, definition, schema_encoding) if schema_encoding else _of_jazzy(name)
+        old, new = get_typestore(Stores.EMPTY), get_typestore(Stores.EMPTY)
+        old.register(_but_built_in(types))
+        new.register(_of_ros1(types, name))
+        without_place = Unconverted(old.fielddefs)
+        found = _Comparison(old, new, "ROS 1", "ROS 2", _OCTETS, without_place)
+        found.compare(name, name, ())
+        text, md5sum = new.generate_msgdef(name, ros_version=1)
+    except ConversionError:
+        raise
+    except Exception as error:  # as at decoding: a definition is anybody's text
+        raise _unreadable(kind, error) from error
+    added = tuple(dict.fromkeys(found.added))
+    convert = _into_ros1(found, name, without_place)
+    return Conversion(name, str(text), str(md5sum), added, convert)
+
+
+def _unreadable(kind: str, error: Exception) -> ConversionError:
+    return ConversionError(f"{kind}: its definition can't be read: {error}")
+
+
+def _into_ros2(
     found: "_Comparison", name: str, target: str
 ) -> Callable[[bytes | memoryview], memoryview]:
     if not found.differs:
@@ -78,31 +119,91 @@ def _converter(
     )
 
 
+def _into_ros1(
+    found: "_Comparison", name: str, without_place: Unconverted
+) -> Callable[[bytes | memoryview], memoryview]:
+    kept: dict[str, object] = {}
+
+    def converted(message: bytes | memoryview) -> memoryview:
+        # rosbags takes bytes of its own order alone from one serialisation to the other.
+        if bytes(message[:2]) == _LITTLE_ENDIAN and not found.differs:
+            return found.old.cdr_to_ros1(message, name)
+        old = found.old.deserialize_cdr(message, name)
+        held = without_place.held(name, old)
+        if held is not None:
+            raise ConversionError(f"its {held} is not empty, and ROS 1 has no such field")
+        new = migrate_message(found.old, found.new, name, name, kept, old)
+        return found.new.serialize_ros1(new, name)
+
+    return converted
+
+
 @cache
 def _jazzy() -> Typestore:
     return get_typestore(Stores.ROS2_JAZZY)
 
 
+def _of_jazzy(name: str) -> dict[str, Any]:
+    if name not in _jazzy().fielddefs:
+        raise ConversionError(f"the recording has no definition of {name}, nor has Jazzy")
+    return _made_of(name, lambda one: _jazzy().fielddefs[one])
+
+
+@cache
+def _noetic() -> Typestore:
+    return get_typestore(Stores.ROS1_NOETIC)
+
+
 def _of_ros2(types: dict[str, Any], name: str, target: str) -> dict[str, Any]:
     """The types that a type of ROS 2 is made of, by their names."""
+    return _made_of(
+        target, lambda one: _jazzy().fielddefs.get(one) or types[name if one == target else one]
+    )
+
+
+def _of_ros1(types: dict[str, Any], name: str) -> dict[str, Any]:
+    """The types that a type of ROS 1 is made of, by their names."""
+
+    def described(one: str) -> Any:
+        if (of_ros1 := _noetic().fielddefs.get(one)) is not None:
+            return of_ros1
+        if one not in types:
+            # As wstring, which rosbags takes for a message's type.
+            raise ConversionError(f"{name}: neither its definition nor ROS 1 has {one}")
+        return _unbounded(types[one])
+
+    return _made_of(name, described)
+
+
+def _made_of(target: str, described: Callable[[str], Any]) -> dict[str, Any]:
     found: dict[str, Any] = {}
     left = [target]
     while left:
         one = left.pop()
         if one in found or one.startswith(_BUILT_IN):
             continue
-        of_ros2 = _jazzy().fielddefs.get(one)
-        found[one] = of_ros2 if of_ros2 is not None else types[name if one == target else one]
-        left += [inner for _, each in found[one][1] if (inner := _name_in(each)) is not None]
+        found[one] = described(one)
+        left += [inner for _, each in found[one][1] if (inner := name_in(each)) is not None]
     return found
 
 
-def _name_in(kind: Any) -> str | None:
-    """The type that a field, or an element of it, is a message of."""
+def _but_built_in(types: dict[str, Any]) -> dict[str, Any]:
+    return {name: each for name, each in types.items() if not name.startswith(_BUILT_IN)}
+
+
+def _unbounded(described: Any) -> Any:
+    """A type of ROS 2 without the bounds of its texts and sequences, which ROS 1 does not have."""
+    constants, fields = described
+    return constants, [(name, _unbounded_field(kind)) for name, kind in fields]
+
+
+def _unbounded_field(kind: Any) -> Any:
     node, detail = kind
-    if node in (Nodetype.ARRAY, Nodetype.SEQUENCE):
-        return _name_in(detail[0])
-    return str(detail) if node == Nodetype.NAME else None
+    if node == Nodetype.NAME:
+        return kind
+    if node == Nodetype.BASE:
+        return (node, (detail[0], 0))
+    return (node, (_unbounded_field(detail[0]), detail[1] if node == Nodetype.ARRAY else 0))
 
 
 @dataclass
@@ -111,13 +212,23 @@ class _Comparison:
 
     old: Typestore
     new: Typestore
+    # Whose the new ones are, and the old ones.
+    into: str
+    of: str
+    # Base types that are the same under two names.
+    aliases: dict[str, str]
+    # Fields that the new types may lack, as most messages leave them empty; without it, none.
+    without_place: Unconverted | None = None
     added: list[str] = field(default_factory=list)
     # Whether fields have other places.
     differs: bool = False
 
     def compare(self, name: str, target: str, within: tuple[str, ...]) -> None:
         """Raises ConversionError where something of the old type has no place in the new one."""
-        if target == HEADER or target.startswith(_BUILT_IN):
+        if target.startswith(_BUILT_IN):
+            return
+        if target == HEADER:
+            self._header()
             return
         if name in within:
             raise ConversionError(f"{name} holds itself")
@@ -129,15 +240,27 @@ class _Comparison:
         else:
             self.differs = True
             places = dict(new)
-            missing = [each for each in names if each not in places]
-            if missing:
-                raise ConversionError(
-                    f"{target} of ROS 2 has no field {missing[0]}, which ROS 1's has"
-                )
-            pairs = [((each, kind), (each, places[each])) for each, kind in old]
+            for each in names:
+                if each not in places:
+                    self._misses(name, target, each)
+            pairs = [((each, kind), (each, places[each])) for each, kind in old if each in places]
             self.added += [f"{target}.{each}" for each in others if each not in names]
         for (each, kind), (_, other) in pairs:
             self._field(f"{target}.{each}", kind, other, (*within, name))
+
+    def _header(self) -> None:
+        """rosbags knows both by their name: with `seq` in ROS 1, and without it in ROS 2."""
+        for store in (self.old, self.new):
+            names = [each for each, _ in store.fielddefs[HEADER][1]]
+            if names[-2:] != ["stamp", "frame_id"] or names[:-2] not in ([], ["seq"]):
+                raise ConversionError(f"{HEADER} has the fields {', '.join(names)}")
+
+    def _misses(self, name: str, target: str, each: str) -> None:
+        if self.without_place is None:
+            raise ConversionError(
+                f"{target} of {self.into} has no field {each}, which {self.of}'s has"
+            )
+        self.without_place.add(name, each)
 
     def _field(self, where: str, kind: Any, other: Any, within: tuple[str, ...]) -> None:
         (node, detail), (new_node, new_detail) = kind, other
@@ -146,9 +269,15 @@ class _Comparison:
                 self.compare(detail, new_detail, within)
                 return
         elif node == new_node == Nodetype.BASE:
-            if _ALIASES.get(detail[0], detail[0]) == _ALIASES.get(new_detail[0], new_detail[0]):
+            known = self.aliases.get
+            if known(detail[0], detail[0]) == known(new_detail[0], new_detail[0]):
                 return
-        elif node == new_node and detail[1] == new_detail[1]:
+        elif node == new_node and self._has_room(node, detail[1], new_detail[1]):
             self._field(where, detail[0], new_detail[0], within)
             return
-        raise ConversionError(f"{where} is of another type in ROS 2")
+        raise ConversionError(f"{where} is of another type in {self.into}")
+
+    @staticmethod
+    def _has_room(node: Nodetype, size: int, new_size: int) -> bool:
+        # A sequence without a bound is one of size 0.
+        return size == new_size or (node == Nodetype.SEQUENCE and new_size == 0)

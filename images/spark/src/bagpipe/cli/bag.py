@@ -10,6 +10,7 @@ import click
 from rich.console import Console
 from rich.table import Table
 
+from bagpipe.cli.bag_for_ros1 import for_ros1
 from bagpipe.cli.bag_for_ros2 import for_ros2
 from bagpipe.cli.bag_here import Elsewhere, Written, kind_of, merged, recording_at
 from bagpipe.cli.bag_reading import BagFile, BagRefusedError, damage_data, damage_of, naming, native
@@ -26,6 +27,8 @@ from bagpipe.plan.bag_tail import BagError, read_tail
 from bagpipe.storage import Storage, StorageError
 
 _PIECE_BYTES = 1 << 20
+# By what --messages says; without it they stay as they are.
+_CONVERTED = {"ros1": for_ros1, "ros2": for_ros2}
 _UNITS = {"": 1, "B": 1, "KiB": 1 << 10, "MiB": 1 << 20, "GiB": 1 << 30}
 
 
@@ -236,10 +239,11 @@ def reindex_command(bag: str, target: str, output: str, **given: Any) -> None:
 @_target_option
 @click.option(
     "--messages",
-    type=click.Choice(["as-they-are", "ros2"]),
+    type=click.Choice(["as-they-are", "ros1", "ros2"]),
     default="as-they-are",
     show_default=True,
-    help="With ros2 those of ROS 1 become messages of ROS 2 (CDR), by the recorded definitions.",
+    help="With ros2 those of ROS 1 become messages of ROS 2 (CDR), and with ros1 the other way"
+    " round, by the recorded definitions.",
 )
 @_compression_option
 @volume_option
@@ -248,20 +252,21 @@ def reindex_command(bag: str, target: str, output: str, **given: Any) -> None:
 def convert_command(bag: str, target: str, output: str, **given: Any) -> None:
     """Write BAG in another format, or compressed in another way.
 
-    The new name ends in .bag or .mcap. Messages stay as they are, unless --messages ros2 is given:
-    a bag takes those of ROS 1 alone, and MCAP takes all. The exit status is 2 if BAG is damaged,
+    The new name ends in .bag or .mcap. Messages stay as they are, unless --messages is given: a bag
+    takes those of ROS 1 alone, and MCAP takes all. The exit status is 2 if BAG is damaged,
     can't be read, or can't be that.
 
     \b
     bagpipe bag convert rosbag2_2026_11_23/ --to drive.mcap --compression zstd
     bagpipe bag convert drive.bag --to drive.mcap
     bagpipe bag convert drive.bag --to drive.mcap --messages ros2    # for a stack of ROS 2
+    bagpipe bag convert drive.mcap --to drive.bag --messages ros1    # and for one of ROS 1
     """
 
     def done() -> dict[str, Any]:
         file = _elsewhere(bag, given["volumes"], given["budget"])
         uri = _new(target, file.storage)
-        convert = for_ros2 if given["messages"] == "ros2" else Elsewhere.converted
+        convert = _CONVERTED.get(given["messages"], Elsewhere.converted)
         return _written(convert(file, target, given["compression"]), target, uri, file.storage)
 
     _print(_done(done), output, _show_written)
