@@ -1,6 +1,7 @@
 """Executors at the end of their driver: deleted in seconds, and before Spark does it in minutes."""
 
 import json
+import threading
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler
 from pathlib import Path
@@ -85,6 +86,27 @@ def test_an_answer_that_is_none_ends_no_driver(
     (tmp_path / "token").write_text("the-token")
     monkeypatch.setattr(ApiServer, "answer", answer)
     assert ended(Spark(), api, tmp_path).asked_before == 1
+
+
+class Silent(BaseHTTPRequestHandler):
+    """It takes what is asked and answers nothing, as long as it is not let go."""
+
+    let_go = threading.Event()
+
+    def do_DELETE(self) -> None:
+        assert self.let_go.wait(60)
+
+
+def test_an_api_server_that_hangs_is_not_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    (tmp_path / "token").write_text("the-token")
+    monkeypatch.setattr("bagpipe.driver.api_server._DELETE_SECONDS", 0.05)
+    with serving(Silent) as address:
+        stopped = ended(Spark(), address, tmp_path)
+        Silent.let_go.set()
+    assert stopped.asked_before is not None
+    assert caplog.text.count("the executors have the grace period of their pods: timed out") == 2
 
 
 @pytest.mark.parametrize(
