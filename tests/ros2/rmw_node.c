@@ -263,6 +263,10 @@ int rmw_get_publishers_info_by_topic(const struct rmw_node *node, struct allocat
   const struct node *own = node->data;
   size_t length = is_set("STANDIN_DISTRIBUTION", "humble") ? HUMBLE : IRON;
   each(own->publications, add_publisher, &all);
+  /* A middleware may take memory for itself, too. */
+  void *scratch = allocator->allocate(64, allocator->state);
+  scratch = allocator->reallocate(scratch, 1 << 16, allocator->state);
+  allocator->deallocate(scratch, allocator->state);
   into->size = all.count;
   into->first = allocator->zero_allocate(all.count, length, allocator->state);
   for (size_t at = 0; at < all.count; at++) {

@@ -41,6 +41,7 @@ mod topic;
 mod undetermined;
 mod unmet;
 mod unnamed;
+mod unnamed_topics;
 
 pub use middleware::Ros2;
 pub use options::Ros2Options;

@@ -4,9 +4,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-use bagpipe_ros2player::GraphPublisher;
+use bagpipe_ros2player::{GraphPublisher, GraphTypes};
 
 use crate::unnamed::Unnamed;
+
+/// As which types the graph has each topic.
+pub(crate) type Types = BTreeMap<String, GraphTypes>;
 
 /// Those of a topic at one look.
 #[derive(Debug, Default, PartialEq, Eq)]
@@ -19,37 +22,52 @@ pub(crate) struct Differing {
     pub(crate) types: BTreeSet<String>,
 }
 
-/// Takes from the publishers of a topic, but our own, those of another type than `recorded`. `counting` has how many
-/// publishers of the topic each node has in the ledger, also those of killed processes, which the graph shows for a
-/// while.
+/// The publishers of a topic that a node has in the ledger.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Counting {
+    /// All, also those of killed processes, which the graph shows for a while.
+    pub(crate) listed: u64,
+    /// Of processes that run.
+    pub(crate) there: u64,
+}
+
+/// Takes from the publishers of a topic, but our own, those of another type than `recorded`.
 pub(crate) fn differing(
     shown: &[GraphPublisher],
     recorded: &str,
-    counting: &BTreeMap<&str, u64>,
+    counting: &BTreeMap<&str, Counting>,
 ) -> Differing {
     let mut found = Differing::default();
     let mut by_node: BTreeMap<Option<&str>, Vec<&str>> = BTreeMap::new();
     for one in shown {
         by_node.entry(one.node.as_deref()).or_default().push(&one.datatype);
     }
-    // A node that counts has no name in the graph for a moment.
-    let more = (shown.len() as u64).saturating_sub(counting.values().sum());
-    for (node, types) in by_node {
-        let listed = node.and_then(|node| counting.get(node)).copied().unwrap_or_default();
-        let uncounted = match node {
-            Some(_) => (types.len() as u64).saturating_sub(listed),
-            None => more.min(types.len() as u64),
-        };
-        let others: Vec<&str> = types.into_iter().filter(|of| *of != recorded).collect();
+    let many = |node: Option<&str>| by_node.get(&node).map_or(0, |all| all.len() as u64);
+    // A publisher that counts has no node's name in the graph for a moment.
+    let nameless =
+        counting.iter().map(|(node, of)| of.there.saturating_sub(many(Some(node)))).sum();
+    let more = many(None).saturating_sub(nameless);
+    for (node, types) in &by_node {
+        let uncounted = node.map_or(more, |node| {
+            let listed = counting.get(node).copied().unwrap_or_default().listed;
+            (types.len() as u64).saturating_sub(listed)
+        });
+        let others: Vec<&str> = types.iter().copied().filter(|of| *of != recorded).collect();
         found.uncounted += uncounted.min(others.len() as u64);
         found.types.extend(others.iter().map(|&of| of.to_owned()));
         if let (Some(node), Some(first)) = (node, others.first())
             && others.len() as u64 > uncounted
         {
-            found.counting.push((node.to_owned(), (*first).to_owned()));
+            found.counting.push(((*node).to_owned(), (*first).to_owned()));
         }
     }
     found
+}
+
+/// The type that a topic is recorded as, of those of its publishers but our own: a node's before another's.
+pub(crate) fn chosen(publishers: Vec<GraphPublisher>) -> Option<String> {
+    let first = publishers.into_iter().min_by_key(|one| (one.node.is_none(), one.datatype.clone()));
+    first.map(|one| one.datatype)
 }
 
 /// Those of a recorded topic that do not count, during a play.
@@ -116,7 +134,8 @@ mod tests {
 
     /// Who counts, and how many do not, where A is recorded.
     fn found(publishers: &[(&str, &str)], counting: &[(&str, u64)]) -> (Vec<String>, u64) {
-        let counting = counting.iter().copied().collect();
+        let there = |many: u64| Counting { listed: many, there: many };
+        let counting = counting.iter().map(|&(node, many)| (node, there(many))).collect();
         let found = differing(&shown(publishers), "A", &counting);
         (
             found.counting.into_iter().map(|(node, of)| format!("{node} {of}")).collect(),
@@ -156,6 +175,21 @@ mod tests {
         assert_eq!(found(&[("/a", "A"), ("", "B")], &[("/a", 1)]), none(1));
         assert_eq!(found(&[("", "A"), ("", "B")], &[("/a", 1), ("/b", 1)]), none(0));
         assert_eq!(found(&[("", "B"), ("", "C"), ("", "A")], &[("/a", 1)]), none(2));
+    }
+
+    #[test]
+    fn who_was_killed_makes_room_for_nobody_that_has_no_name() {
+        let counting = BTreeMap::from([("/a", Counting { listed: 2, there: 1 })]);
+        let found = differing(&shown(&[("/a", "A"), ("", "B")]), "A", &counting);
+        assert_eq!((found.counting, found.uncounted), (Vec::new(), 1));
+    }
+
+    #[test]
+    fn a_node_s_type_is_recorded_before_a_program_s() {
+        let of = |publishers: &[(&str, &str)]| chosen(shown(publishers));
+        assert_eq!(of(&[]), None);
+        assert_eq!(of(&[("", "A"), ("/a", "C"), ("/b", "B")]).as_deref(), Some("B"));
+        assert_eq!(of(&[("", "B"), ("", "A")]).as_deref(), Some("A"));
     }
 
     #[test]

@@ -19,7 +19,7 @@ enum verb {
   VERB_STATE,       /* a number below PLAYER_STATES, which is the node's from then on; its name; u32:
                      * how far it is (enum asked); u32: the state */
   VERB_TOPICS,      /* topics, whichever nodes have them: name; u32: how many types it has, with librcl those of
-                     * subscriptions among them */
+                     * subscriptions among them; the first */
   VERB_TOPIC,       /* a topic; u32: how many publishers; of each: namespace and name of its node, which are not
                      * those of a node where the graph has none; its type */
 };

@@ -17,6 +17,15 @@ pub struct GraphNode {
     pub subscribes: Vec<(String, String)>,
 }
 
+/// As which types the graph has a topic, whoever publishes it; with librcl also who subscribes to it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct GraphTypes {
+    /// How many.
+    pub count: u32,
+    /// One of them, such as `sensor_msgs/msg/LaserScan`.
+    pub first: String,
+}
+
 /// A publisher of a topic, whichever node has it: of two nodes of one name a [`GraphNode`] shows what one of them
 /// has.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -51,8 +60,13 @@ fn topics(from: &mut Answer) -> Result<Vec<(String, String)>, PlayerError> {
 }
 
 /// Reads an answer to a request for the topics, after its status.
-pub(crate) fn read_topics(from: &mut Answer) -> Result<BTreeMap<String, u32>, PlayerError> {
-    (0..from.number()?).map(|_| Ok((from.text()?, from.number()?))).collect()
+pub(crate) fn read_topics(from: &mut Answer) -> Result<BTreeMap<String, GraphTypes>, PlayerError> {
+    let mut all = BTreeMap::new();
+    for _ in 0..from.number()? {
+        let topic = from.text()?;
+        all.insert(topic, GraphTypes { count: from.number()?, first: from.text()? });
+    }
+    Ok(all)
 }
 
 /// Reads an answer to a request for a topic's publishers, after its status.

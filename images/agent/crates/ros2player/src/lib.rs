@@ -60,7 +60,7 @@ mod security;
 mod state;
 
 pub use error::PlayerError;
-pub use graph::{GraphNode, GraphPublisher};
+pub use graph::{GraphNode, GraphPublisher, GraphTypes};
 pub use options::PlayerOptions;
 pub use player::{Player, PublisherId, SubscriptionId};
 pub use qos::{Durability, History, Presence, Qos, Reliability};

@@ -13,7 +13,7 @@ use rustix::net::{SendAncillaryBuffer, SendAncillaryMessage, SendFlags};
 use crate::control::{Answer, Control, Request, Verb, ended};
 use crate::error::MOST_ROOM;
 use crate::failure::{STATUS_DONE, failure};
-use crate::graph::{self, GraphNode, GraphPublisher};
+use crate::graph::{self, GraphNode, GraphPublisher, GraphTypes};
 use crate::layout::{ENDPOINTS, RECORD_MESSAGE, Record};
 use crate::memory::{Memory, Which};
 use crate::options::PlayerOptions;
@@ -287,12 +287,11 @@ impl Player {
         graph::read(&mut self.ask("list the graph", &Request::new(Verb::Graph), None)?)
     }
 
-    /// The graph's topics by now, whichever nodes have them, each with how many types it has: with librcl also those
-    /// of subscriptions.
+    /// The graph's topics by now, whichever nodes have them.
     ///
     /// # Errors
     /// As of [`Player::graph`].
-    pub fn topics_of_graph(&self) -> Result<BTreeMap<String, u32>, PlayerError> {
+    pub fn topics_of_graph(&self) -> Result<BTreeMap<String, GraphTypes>, PlayerError> {
         graph::read_topics(&mut self.ask("list the topics", &Request::new(Verb::Topics), None)?)
     }
 

@@ -26,6 +26,7 @@ use crate::stillness::Stillness;
 use crate::topic::{Means, Topic};
 use crate::undetermined::Undetermined;
 use crate::unmet::Unmet;
+use crate::unnamed_topics::UnnamedTopics;
 use crate::{QosOverride, Ros2Options, qos};
 
 /// A node of ours: the player's, with what the ledger says of the others.
@@ -44,6 +45,9 @@ pub(crate) struct Graph {
     unmet: Unmet,
     /// Whether what was published did once not come to us.
     lacked: AtomicBool,
+    /// Whether the last look at the graph failed.
+    is_unread: AtomicBool,
+    unnamed_topics: UnnamedTopics,
     /// Whether every node counted and did its work at the last look.
     all_spin: AtomicBool,
 }
@@ -89,12 +93,51 @@ impl Graph {
             undetermined: Undetermined::default(),
             unmet: Unmet::default(),
             lacked: AtomicBool::new(false),
+            is_unread: AtomicBool::new(false),
+            unnamed_topics: UnnamedTopics::default(),
             all_spin: AtomicBool::new(false),
         })
     }
 
     fn ledger(&self) -> &Ledger {
         &self.means.ledger
+    }
+
+    fn look_once(&self) -> Result<Seen, GraphError> {
+        if let Some(why) = self.inputs.failure() {
+            return Err(failed(why));
+        }
+        self.inputs.lives.ask(&self.means.player)?;
+        // Before what was published is read, so that what comes meanwhile is missing for a moment.
+        let inputs = self.inputs.all();
+        let handed: Vec<u64> = inputs.iter().map(|input| input.arrivals.handed()).collect();
+        let Around { nodes, look, state } = self.look_around()?;
+        self.must_be_alone(&nodes);
+        let all_count = all_count(&look.endpoints, &nodes, &self.name);
+        self.all_spin.store(look.all_spin() && all_count, Ordering::Relaxed);
+        let namesakes = namesakes(&look.endpoints, &nodes);
+        for topic in self.topics().iter() {
+            let name = &topic.info().topic;
+            let mut uncounted = self.unlisted(topic, &state, &look);
+            uncounted.extend(topic.hidden(&look, &namesakes, uncounted.len()));
+            let uncounted: Vec<String> = uncounted.into_iter().collect();
+            topic.refresh(&look, Some(&uncounted)).map_err(failed)?;
+            let publishing = self.publishing(&state, name);
+            topic.note_publishers(publishing.chain(people_who_publish(&nodes, name)));
+        }
+        let types = self.topics_of_graph()?;
+        let subscribed = self.subscribe_to_wanted(&types, &look.endpoints);
+        for (input, handed) in inputs.iter().zip(handed) {
+            let others = self.publishing(&state, &input.topic);
+            let others = others.chain(people_who_publish(&nodes, &input.topic)).cloned();
+            input.others.lock().unwrap_or_else(PoisonError::into_inner).extend(others);
+            self.compare(input, handed, &look);
+            self.look_for_other_types(input, &types, &look);
+        }
+        self.look_for_unnamed(&nodes, &look);
+        self.look_for_unmet(&look);
+        subscribed?;
+        Ok(Seen { state, again: 0 })
     }
 
     fn topics(&self) -> MutexGuard<'_, Vec<Arc<Topic>>> {
@@ -145,39 +188,9 @@ impl Node for Graph {
     }
 
     fn look(&self) -> Result<Seen, GraphError> {
-        if let Some(why) = self.inputs.failure() {
-            return Err(failed(why));
-        }
-        self.inputs.lives.ask(&self.means.player)?;
-        // Before what was published is read, so that what comes meanwhile is missing for a moment.
-        let inputs = self.inputs.all();
-        let handed: Vec<u64> = inputs.iter().map(|input| input.arrivals.handed()).collect();
-        let Around { nodes, look, state } = self.look_around()?;
-        self.must_be_alone(&nodes);
-        let all_count = all_count(&look.endpoints, &nodes, &self.name);
-        self.all_spin.store(look.all_spin() && all_count, Ordering::Relaxed);
-        let namesakes = namesakes(&look.endpoints, &nodes);
-        for topic in self.topics().iter() {
-            let name = &topic.info().topic;
-            let mut uncounted = self.unlisted(topic, &state, &look);
-            uncounted.extend(topic.hidden(&look, &namesakes, uncounted.len()));
-            let uncounted: Vec<String> = uncounted.into_iter().collect();
-            topic.refresh(&look, Some(&uncounted)).map_err(failed)?;
-            let publishing = self.publishing(&state, name);
-            topic.note_publishers(publishing.chain(people_who_publish(&nodes, name)));
-        }
-        let types = self.topics_of_graph()?;
-        self.subscribe_to_wanted(&types, &look.endpoints)?;
-        for (input, handed) in inputs.iter().zip(handed) {
-            let others = self.publishing(&state, &input.topic);
-            let others = others.chain(people_who_publish(&nodes, &input.topic)).cloned();
-            input.others.lock().unwrap_or_else(PoisonError::into_inner).extend(others);
-            self.compare(input, handed, &look);
-            self.look_for_other_types(input, &types, &look.endpoints);
-        }
-        self.look_for_unnamed(&nodes, &look);
-        self.look_for_unmet(&look);
-        Ok(Seen { state, again: 0 })
+        let looked = self.look_once();
+        self.is_unread.store(looked.is_err(), Ordering::Relaxed);
+        looked
     }
 
     fn unnamed_topics(&self, state: &SystemState) -> Result<Vec<String>, GraphError> {
@@ -257,6 +270,11 @@ impl Node for Graph {
             self.must_be_alone(&nodes);
         }
         self.look_for_other_types_at_last();
+        if self.is_unread.load(Ordering::Relaxed)
+            && let Err(error) = self.look()
+        {
+            lacking.push(format!("the graph can't be read to its end: {}", error.source));
+        }
         lacking.extend(self.inputs.failure());
         // Who came behind the last message has got those that are kept.
         lacking.extend(self.topics().iter().filter_map(|topic| topic.misread().map(str::to_owned)));
@@ -279,7 +297,7 @@ impl Node for Graph {
     }
 
     fn remarks(&self) -> Vec<String> {
-        [self.stillness.remarks(), self.uncounted()].concat()
+        [self.stillness.remarks(), self.uncounted(), self.unnamed_topics.remarks()].concat()
     }
 
     fn undetermined(&self) -> Vec<String> {

@@ -1,6 +1,6 @@
 //! What is recorded, and whether all of it came.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::sync::{Arc, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -13,6 +13,7 @@ use crate::account::Publishes;
 use crate::clock::source_now;
 use crate::definition::{installed, schema_encoding};
 use crate::error::failed;
+use crate::other_types::Types;
 use crate::recording::Input;
 use crate::topic::{Look, uncounted};
 use crate::unmet::{Begun, Ended};
@@ -27,29 +28,45 @@ const MOST_LOOKS: u32 = 60;
 const BETWEEN: Duration = Duration::from_millis(17);
 
 impl Graph {
-    /// Subscribes to what is wanted and whose type is known by now.
+    /// Subscribes to what is wanted and whose type is known by now: to all of that, whichever fails.
     pub(super) fn subscribe_to_wanted(
         &self,
-        types: &BTreeMap<String, u32>,
+        types: &Types,
         endpoints: &[Endpoint],
     ) -> Result<(), GraphError> {
         let wanted: Vec<String> = self.wanted().iter().cloned().collect();
+        let mut all = Ok(());
         for topic in wanted.into_iter().filter(|topic| types.contains_key(topic)) {
-            let Some(datatype) = self.type_of(&topic)? else { continue };
-            let all: Vec<&Endpoint> = published_on(&topic, endpoints).collect();
-            let wanted = qos::recorded(all.iter().map(|one| &one.qos));
-            let names: BTreeSet<&String> = all.iter().map(|one| &one.node).collect();
-            let node = match names.into_iter().collect::<Vec<_>>()[..] {
-                [only] => Some(only.clone()),
-                _ => None,
-            };
-            let publisher = self.publisher(node, &datatype, &all, &wanted);
-            let subscription =
-                self.means.player.listen(&topic, &datatype, &wanted).map_err(failed)?;
-            self.inputs.add(&topic, (subscription, wanted), publisher);
-            self.wanted().remove(&topic);
+            match self.subscribe_as_published(&topic, endpoints) {
+                Ok(false) => {}
+                Ok(true) => drop(self.wanted().remove(&topic)),
+                Err(error) if self.unnamed_topics.refuse(&topic, &error.source.to_string()) => {
+                    self.wanted().remove(&topic);
+                }
+                Err(error) => all = all.and(Err(error)),
+            }
         }
-        Ok(())
+        all
+    }
+
+    /// Subscribes to a topic by its publishers' type; false if it has none but ours.
+    fn subscribe_as_published(
+        &self,
+        topic: &str,
+        endpoints: &[Endpoint],
+    ) -> Result<bool, GraphError> {
+        let Some(datatype) = self.type_of(topic)? else { return Ok(false) };
+        let all: Vec<&Endpoint> = published_on(topic, endpoints).collect();
+        let wanted = qos::recorded(all.iter().map(|one| &one.qos));
+        let names: BTreeSet<&String> = all.iter().map(|one| &one.node).collect();
+        let node = match names.into_iter().collect::<Vec<_>>()[..] {
+            [only] => Some(only.clone()),
+            _ => None,
+        };
+        let publisher = self.publisher(node, &datatype, &all, &wanted);
+        let subscription = self.means.player.listen(topic, &datatype, &wanted).map_err(failed)?;
+        self.inputs.add(topic, (subscription, wanted), publisher);
+        Ok(true)
     }
 
     /// How a recording introduces who publishes a topic.

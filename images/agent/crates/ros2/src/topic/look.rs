@@ -80,7 +80,7 @@ impl Look {
     }
 
     /// Whether an endpoint may still publish or take, or give what was published.
-    pub(super) fn is_there(&self, endpoint: &Endpoint) -> bool {
+    pub(crate) fn is_there(&self, endpoint: &Endpoint) -> bool {
         !endpoint.destroyed && self.running.contains(&endpoint.process)
     }
 }

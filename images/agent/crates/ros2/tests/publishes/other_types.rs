@@ -1,20 +1,36 @@
 //! Topics of several types, some of whose publishers the graph does not name.
 
-use std::time::Duration;
+use std::cell::Cell;
+use std::time::{Duration, Instant};
 
 use bagpipe_mcap::Mcap;
-use bagpipe_replay::{Mode, ReplayError, Replayed};
+use bagpipe_replay::{Mode, Progress, ReplayError, Replayed, Stage};
+use bagpipe_ros2player::GraphPublisher;
 
 use crate::scene::{Ask, DEFAULT, RELAY, Scene, recorded, recording};
-use crate::standin::eventually;
+use crate::standin::{Node, eventually};
 
 const TALK: &str = "/talk:std_msgs/msg/String:1000:reliable";
 /// A node for which /talk is of another type.
 const READS: [&str; 4] = ["--name", "/reads", "--sub", TALK];
 
+/// A node that publishes /talk, and counts.
+const TALKS: [&str; 4] = ["--name", "/talks", "--pub", "/talk:sensor_msgs/msg/Imu:10:reliable"];
+/// A program that publishes it as another type, and nothing ever comes for it to pass on.
+const PROGRAM: [&str; 3] = ["/other", "/talk", "std_msgs/String"];
+
 fn play(scene: &Scene, record: &[&str], messages: u64) -> Result<Replayed, ReplayError> {
+    play_while(scene, record, messages, |_| ())
+}
+
+fn play_while(
+    scene: &Scene,
+    record: &[&str],
+    messages: u64,
+    mut seen: impl FnMut(Progress),
+) -> Result<Replayed, ReplayError> {
     let ask = Ask { mode: Mode::Realtime, record, drain: Duration::from_secs(1), ..DEFAULT };
-    scene.play(&recording(&["/in"], messages, 100), &ask)
+    scene.play_while(&recording(&["/in"], messages, 100), &ask, &mut seen)
 }
 
 /// Waits until a topic has so many publishers.
@@ -61,10 +77,9 @@ fn what_only_a_program_publishes_that_is_no_node_is_recorded_as_its_own_type() {
 fn what_is_published_as_another_type_than_a_node_s_is_missed_of_who_does_not_count() {
     for messages in [20, 2000] {
         let scene = Scene::new();
-        let talks = ["--name", "/talks", "--pub", "/talk:sensor_msgs/msg/Imu:10:reliable"];
-        let _talks = scene.start("standin_node", &talks);
+        let _talks = scene.start("standin_node", &TALKS);
         let _relay = scene.start("standin_node", &RELAY);
-        let _program = scene.start_uncounted("dds_relay", &["/other", "/talk", "std_msgs/String"]);
+        let _program = scene.start_uncounted("dds_relay", &PROGRAM);
         await_topic(&scene, "/talk", 2);
         let text = missed(play(&scene, &["/out", "/talk"], messages));
         assert!(text.contains("/talk has publishers (at least 1) that do not count"), "{text}");
@@ -75,8 +90,7 @@ fn what_is_published_as_another_type_than_a_node_s_is_missed_of_who_does_not_cou
 #[test]
 fn so_it_is_of_a_node_whose_name_another_has() {
     let scene = Scene::new();
-    let talks = ["--name", "/talks", "--pub", "/talk:sensor_msgs/msg/Imu:10:reliable"];
-    let _talks = scene.start("standin_node", &talks);
+    let _talks = scene.start("standin_node", &TALKS);
     let _relay = scene.start("standin_node", &RELAY);
     let _namesake = scene.start_uncounted("standin_node", &["--name", "/talks", "--pub", TALK]);
     await_topic(&scene, "/talk", 2);
@@ -87,8 +101,7 @@ fn so_it_is_of_a_node_whose_name_another_has() {
 #[test]
 fn who_counts_and_has_published_nothing_as_another_type_is_missed_by_nobody() {
     let scene = Scene::new();
-    let talks = ["--name", "/talks", "--pub", "/talk:sensor_msgs/msg/Imu:10:reliable"];
-    let _talks = scene.start("standin_node", &talks);
+    let _talks = scene.start("standin_node", &TALKS);
     let _relay = scene.start("standin_node", &RELAY);
     let _silent = scene.start("standin_node", &["--name", "/silent", "--pub", TALK]);
     let _namesake = scene.start("standin_node", &["--name", "/talks", "--pub", TALK]);
@@ -116,4 +129,104 @@ fn a_topic_of_two_types_that_nobody_publishes_lacks_nothing() {
     let _relay = scene.start("standin_node", &RELAY);
     let replayed = play(&scene, &["/out", "/talk"], 1000).unwrap();
     assert!(recorded(&replayed).iter().all(|one| one.0 == "/out"));
+}
+
+#[test]
+fn who_is_killed_before_the_play_hides_no_program() {
+    let scene = Scene::new();
+    drop(scene.start("standin_node", &TALKS));
+    let _again = scene.start("standin_node", &TALKS);
+    let _relay = scene.start("standin_node", &RELAY);
+    let _program = scene.start_uncounted("dds_relay", &PROGRAM);
+    let scout = scene.graph.player();
+    let program = |one: GraphPublisher| one.node.is_none();
+    eventually(|| scout.publishers_of("/talk").unwrap().into_iter().any(program));
+    let text = missed(play(&scene, &["/out", "/talk"], 1000));
+    assert!(text.contains(OTHER_TYPE), "{text}");
+}
+
+#[test]
+fn nor_does_who_leaves_in_the_play_hide_whoever_publishes_from_then_on() {
+    let namesake: (&str, &[&str]) = ("standin_node", &["--name", "/talks", "--pub", TALK]);
+    for scene in [Scene::new(), Scene::on_dds()] {
+        for (program, words) in [namesake, ("dds_relay", &PROGRAM)] {
+            let mut talks = Some(scene.start("standin_node", &TALKS));
+            let _relay = scene.start("standin_node", &RELAY);
+            let mut other = None;
+            let played = play_while(&scene, &["/out", "/talk"], 3000, |progress| {
+                if progress.stage == Stage::Play
+                    && let Some(talks) = talks.take()
+                {
+                    assert!(talks.end());
+                    other = Some(scene.start_uncounted(program, words));
+                }
+            });
+            let text = missed(played);
+            assert!(text.contains(OTHER_TYPE), "{text}");
+        }
+    }
+}
+
+#[test]
+fn who_leaves_before_the_end_is_missed_and_who_leaves_before_the_play_is_not() {
+    for (leaves, is_missed) in [(Stage::Play, true), (Stage::Subscribe, false)] {
+        let scene = Scene::new();
+        let _talks = scene.start("standin_node", &TALKS);
+        let _relay = scene.start("standin_node", &RELAY);
+        let mut program = Some(scene.start_uncounted("dds_relay", &PROGRAM));
+        await_topic(&scene, "/talk", 2);
+        let since = Cell::new(None::<(Stage, Instant)>);
+        let played = play_while(&scene, &["/out", "/talk"], 5000, |progress| {
+            if since.get().is_none_or(|(stage, _)| stage != progress.stage) {
+                since.set(Some((progress.stage, Instant::now())));
+            }
+            let long = since.get().is_some_and(|(_, at)| at.elapsed() > Duration::from_secs(2));
+            if progress.stage == leaves && (long || leaves == Stage::Subscribe) {
+                program.take().map(Node::end);
+            }
+        });
+        assert!(program.is_none());
+        match is_missed {
+            true => assert!(missed(played).contains(OTHER_TYPE)),
+            false => assert!(recorded(&played.unwrap()).iter().all(|one| one.0 == "/out")),
+        }
+    }
+}
+
+#[test]
+fn a_program_whose_type_is_not_installed_costs_a_pattern_no_other_topic() {
+    for scene in [Scene::new(), Scene::on_dds()] {
+        let _relay = scene.start("standin_node", &RELAY);
+        let odd = ["/other", "/odd", "not_installed_msgs/Thing"];
+        let _program = scene.start_uncounted("dds_relay", &odd);
+        await_topic(&scene, "/odd", 1);
+        let later = ["--name", "/late", "--pub", "/later:std_msgs/msg/String:1000:reliable"];
+        let later = [&later[..], &["--burst", "100000", "--every-us", "10000"]].concat();
+        let mut late = None;
+        let played = play_while(&scene, &["/.*"], 2000, |progress| {
+            if progress.stage == Stage::Play {
+                late.get_or_insert_with(|| scene.start("standin_node", &later));
+            }
+        });
+        let replayed = played.unwrap();
+        assert!(as_type(&replayed, "/later", "std_msgs/msg/String") > 0);
+    }
+}
+
+#[test]
+fn what_is_asked_for_by_its_name_and_can_t_be_recorded_is_missed_though_it_comes_in_the_play() {
+    let scene = Scene::new();
+    let _relay = scene.start("standin_node", &RELAY);
+    let mut program = None;
+    let played = play_while(&scene, &["/out", "/odd"], 2000, |progress| {
+        if progress.stage == Stage::Play {
+            program.get_or_insert_with(|| {
+                let odd = ["/other", "/odd", "not_installed_msgs/Thing"];
+                scene.start_uncounted("dds_relay", &odd)
+            });
+        }
+    });
+    let text = missed(played);
+    assert!(text.contains("the graph can't be read to its end"), "{text}");
+    assert!(text.contains("not_installed_msgs"), "{text}");
 }

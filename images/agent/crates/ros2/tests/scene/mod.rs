@@ -16,8 +16,9 @@ use bagpipe_replay::{
 };
 use bagpipe_ros2::{Ros2, Ros2Options};
 use bagpipe_ros2ledger::{Endpoint, Kind, Ledger};
+use bagpipe_ros2player::PlayerOptions;
 
-use crate::standin::{Graph, LONG, Node, built, eventually};
+use crate::standin::{Graph, LONG, Node, eventually};
 
 pub const MS: u64 = 1_000_000;
 /// A node that answers what it gets.
@@ -120,6 +121,8 @@ pub struct Scene {
     pub ledger: Arc<Ledger>,
     /// Whether what its nodes publish waits for room in sockets.
     pub flow_control: bool,
+    /// Whose player is started: with librcl that of `graph`.
+    player: PlayerOptions,
     prefix: Prefix,
 }
 
@@ -127,7 +130,16 @@ impl Scene {
     pub fn new() -> Scene {
         let ledger = Arc::new(Ledger::new().unwrap());
         ledger.watch_matches(true);
-        Scene { graph: Graph::new(), ledger, flow_control: true, prefix: Prefix::new() }
+        let graph = Graph::new();
+        let player = graph.options();
+        Scene { graph, ledger, flow_control: true, player, prefix: Prefix::new() }
+    }
+
+    /// One whose player knows no librcl.
+    pub fn on_dds() -> Scene {
+        let scene = Scene::new();
+        let player = scene.graph.with_player_on_dds().options();
+        Scene { player, ..scene }
     }
 
     /// A node that counts in the scene's ledger.
@@ -172,8 +184,8 @@ impl Scene {
     fn middleware_of(&self, active: &[&str]) -> Ros2 {
         Ros2::start(Ros2Options {
             ledger: Arc::clone(&self.ledger),
-            program: built().join("player"),
-            environment: self.graph.environment(),
+            program: self.player.program.clone(),
+            environment: self.player.environment.clone(),
             qos: BTreeMap::new(),
             active: active.iter().map(|&node| node.to_owned()).collect(),
             flow_control: self.flow_control,

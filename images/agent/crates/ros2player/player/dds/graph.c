@@ -10,7 +10,6 @@
 
 #define MOST_ENTITIES (1u << 16) /* of each kind */
 #define MOST_UNNAMED 4096
-#define MOST_TYPES 16 /* of one topic */
 #define UNREADABLE "the graph can't be read, or has 65536 endpoints"
 
 /* What a reader knows to be there, lent until it is given back. */
@@ -224,43 +223,53 @@ static bool is_on(const struct lent *of, size_t at, const char *topic) {
          strcmp(one->topic_name + 2, topic) == 0;
 }
 
-/* How many types a topic has, where `first` is the first on it. */
-static uint32_t count_types(const struct lent *of, size_t first, const char *topic) {
-  const char *seen[MOST_TYPES];
-  uint32_t count = 0;
-  for (size_t at = first; at < of->count && count < MOST_TYPES; at++) {
-    const dds_builtintopic_endpoint_t *one = of->samples[at];
-    if (!is_on(of, at, topic)) continue;
-    bool known = false;
-    for (uint32_t before = 0; before < count && !known; before++)
-      known = strcmp(seen[before], one->type_name) == 0;
-    if (!known) seen[count++] = one->type_name;
+static int by_topic_and_type(const void *left, const void *right) {
+  const dds_builtintopic_endpoint_t *one = *(void *const *)left, *other = *(void *const *)right;
+  int order = strcmp(one->topic_name, other->topic_name);
+  return order != 0 ? order : strcmp(one->type_name, other->type_name);
+}
+
+/* In their order: each topic once, with how many types it has and the first of them. */
+static uint32_t add_topics(void **sorted, size_t count, struct answer *into) {
+  uint32_t topics = 0;
+  for (size_t first = 0; first < count; topics++) {
+    const dds_builtintopic_endpoint_t *one = sorted[first], *last = one;
+    uint32_t types = 1;
+    char type[800];
+    for (; first < count; first++) {
+      const dds_builtintopic_endpoint_t *other = sorted[first];
+      if (strcmp(one->topic_name, other->topic_name) != 0) break;
+      if (strcmp(last->type_name, other->type_name) != 0) types++;
+      last = other;
+    }
+    answer_text(into, one->topic_name + 2);
+    answer_number(into, types);
+    answer_text(into, demangle(one->type_name, type) ? type : one->type_name);
   }
-  return count;
+  return topics;
 }
 
 void middleware_topics(struct answer *into) {
   struct lent lent;
-  if (!borrow(publications, &lent)) {
+  bool all = borrow(publications, &lent);
+  void **sorted = calloc(lent.count + 1, sizeof *sorted);
+  if (!all || sorted == NULL) {
     answer_failed(into, STATUS_REQUEST, UNREADABLE);
-    give_back(&lent);
-    return;
+  } else {
+    size_t count = 0;
+    for (size_t at = 0; at < lent.count; at++) {
+      const dds_builtintopic_endpoint_t *one = lent.samples[at];
+      if (lent.infos[at].valid_data && strncmp(one->topic_name, "rt/", 3) == 0)
+        sorted[count++] = lent.samples[at];
+    }
+    qsort(sorted, count, sizeof *sorted, by_topic_and_type);
+    answer_number(into, STATUS_DONE);
+    size_t place = into->length;
+    answer_number(into, 0);
+    uint32_t topics = add_topics(sorted, count, into);
+    memcpy(into->bytes + place, &topics, sizeof topics);
   }
-  uint32_t count = 0;
-  answer_number(into, STATUS_DONE);
-  size_t place = into->length;
-  answer_number(into, 0);
-  for (size_t at = 0; at < lent.count; at++) {
-    const dds_builtintopic_endpoint_t *one = lent.samples[at];
-    bool known = !lent.infos[at].valid_data || strncmp(one->topic_name, "rt/", 3) != 0;
-    for (size_t before = 0; before < at && !known; before++)
-      known = is_on(&lent, before, one->topic_name + 2);
-    if (known) continue;
-    answer_text(into, one->topic_name + 2);
-    answer_number(into, count_types(&lent, at, one->topic_name + 2));
-    count++;
-  }
-  memcpy(into->bytes + place, &count, sizeof count);
+  free(sorted);
   give_back(&lent);
 }
 
@@ -311,8 +320,9 @@ static uint32_t add_publishers(const struct lent *publishers, const struct lent 
 
 void middleware_topic(const char *topic, struct answer *into) {
   struct lent owners, publishers;
-  bool all = borrow(participants, &owners);
-  all = borrow(publications, &publishers) && all;
+  /* In this order: whose an endpoint is is known before it is. */
+  bool all = borrow(publications, &publishers);
+  all = borrow(participants, &owners) && all;
   nodes_refresh();
   answer_number(into, STATUS_DONE);
   size_t place = into->length;

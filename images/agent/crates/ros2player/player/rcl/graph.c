@@ -64,20 +64,42 @@ void middleware_topics(struct answer *into) {
   answer_number(into, (uint32_t)found.names.size);
   for (size_t one = 0; one < found.names.size; one++) {
     answer_text(into, found.names.data[one]);
-    answer_number(into, (uint32_t)found.types[one].size);
+    const struct strings *types = &found.types[one];
+    answer_number(into, (uint32_t)types->size);
+    answer_text(into, types->size > 0 ? types->data[0] : "");
   }
   (void)!rcl.rcl_names_and_types_fini(&found);
 }
 
-/* The largest block that was asked for: where several endpoints are listed, their array. */
-struct largest {
-  void *at;
-  size_t bytes;
+/* The blocks that are asked for while a topic's endpoints are listed. */
+struct blocks {
+  struct block {
+    void *at;
+    size_t bytes;
+  } *all;
+  size_t count, room;
+  bool listing; /* what is freed afterwards is of no interest */
 };
 
+static void forget(struct blocks *blocks, const void *at) {
+  for (size_t one = blocks->count; blocks->listing && at != NULL && one-- > 0;)
+    if (blocks->all[one].at == at) {
+      blocks->all[one] = blocks->all[--blocks->count];
+      return;
+    }
+}
+
 static void *noted(void *at, size_t bytes, void *state) {
-  struct largest *largest = state;
-  if (at != NULL && bytes > largest->bytes) *largest = (struct largest){at, bytes};
+  struct blocks *blocks = state;
+  if (at == NULL || !blocks->listing) return at;
+  if (blocks->count == blocks->room) {
+    size_t room = 2 * blocks->room + 16;
+    struct block *more = realloc(blocks->all, room * sizeof *more);
+    if (more == NULL) return at; /* the array is not found then, which is an error */
+    blocks->all = more;
+    blocks->room = room;
+  }
+  blocks->all[blocks->count++] = (struct block){at, bytes};
   return at;
 }
 
@@ -88,32 +110,38 @@ static void *zero_allocate(size_t count, size_t bytes, void *state) {
 }
 
 static void *reallocate(void *at, size_t bytes, void *state) {
+  forget(state, at);
   return noted(realloc(at, bytes), bytes, state);
 }
 
 static void deallocate(void *at, void *state) {
-  (void)state;
+  forget(state, at);
   free(at);
 }
 
 /* How long one of those listed is, by what their array took; 0 if that is not to be had. */
-static size_t length_of_one(const struct endpoint_infos *found, const struct largest *largest) {
-  if (found->size < 2) return sizeof(struct endpoint_info);
-  size_t one = largest->bytes / found->size;
-  bool whole = largest->at == found->first && one * found->size == largest->bytes;
-  return whole && one >= sizeof(struct endpoint_info) && one % sizeof(void *) == 0 ? one : 0;
+static size_t length_of_one(const struct endpoint_infos *found, const struct blocks *blocks) {
+  size_t block = 0;
+  while (block < blocks->count && blocks->all[block].at != found->first) block++;
+  if (found->size == 0) return sizeof(struct endpoint_info);
+  if (block == blocks->count) return 0;
+  size_t bytes = blocks->all[block].bytes, one = bytes / found->size;
+  bool whole = one * found->size == bytes && one % sizeof(void *) == 0;
+  return whole && one >= sizeof(struct endpoint_info) ? one : 0;
 }
 
 void middleware_topic(const char *topic, struct answer *into) {
-  struct largest largest = {NULL, 0};
-  struct allocator noting = {allocate, deallocate, reallocate, zero_allocate, &largest};
+  struct blocks blocks = {.listing = true};
+  struct allocator noting = {allocate, deallocate, reallocate, zero_allocate, &blocks};
   struct endpoint_infos found = {0, NULL};
   int failed = rcl.rcl_get_publishers_info_by_topic(&node, &noting, topic, false, &found);
+  blocks.listing = false;
+  size_t length = length_of_one(&found, &blocks);
+  free(blocks.all);
   if (failed) {
     answer_rcl(into, "rcl_get_publishers_info_by_topic", failed);
     return;
   }
-  size_t length = length_of_one(&found, &largest);
   if (length == 0) {
     answer_call(into, "rcl_get_publishers_info_by_topic", failed, "its array is none of ROS 2's");
   } else {
