@@ -21,7 +21,8 @@ ROOT = Path(__file__).parents[3]
 SOURCES = ("images/spark/src", "operator/src", "crds", "charts")
 # Where a name of an engine may stand outside of the engines' folders, and why.
 NAMED = {
-    # The profile that MCAP has for its messages, which are no engine's.
+    # Whose messages a recording is to have, and the profile that MCAP has for them: no engine's.
+    ("images/spark/src/bagpipe/cli/bag.py", "ros1"),
     ("images/spark/src/bagpipe/cli/bag.py", "ros2"),
     ("images/spark/src/bagpipe/cli/bag_for_ros2.py", "ros2"),
     # The API's default for a job that names none.
