@@ -40,10 +40,14 @@ impl Graph {
             match self.subscribe_as_published(&topic, endpoints) {
                 Ok(false) => {}
                 Ok(true) => drop(self.wanted().remove(&topic)),
-                Err(error) if self.unnamed_topics.refuse(&topic, &error.source.to_string()) => {
-                    self.wanted().remove(&topic);
+                Err(error) => {
+                    let counts = published_on(&topic, endpoints).next().is_some();
+                    let why = error.source.to_string();
+                    match !counts && self.unnamed_topics.refuse(&topic, &why) {
+                        true => drop(self.wanted().remove(&topic)),
+                        false => all = all.and(Err(error)),
+                    }
                 }
-                Err(error) => all = all.and(Err(error)),
             }
         }
         all
