@@ -96,8 +96,9 @@ impl Graph {
             };
             let mut are = false;
             for input in self.inputs.all() {
-                are |= self.differing(&input, &types, &look).uncounted > 0;
-                self.look_for_other_types(&input, &types, &look);
+                let found = self.differing(&input, &types, &look);
+                are |= found.uncounted > 0;
+                input.other_types.look(Instant::now(), || found);
             }
             if !are {
                 return;
