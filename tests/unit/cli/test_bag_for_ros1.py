@@ -18,15 +18,22 @@ OLD, NEW = get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_JAZZY)
 ROS1 = ("--messages", "ros1")
 
 
-def one_of(kind: str, message: Any, into: Path, encoding: str = "cdr") -> Path:
-    """MCAP of one message of /a."""
+def one_of(
+    kind: str,
+    message: Any,
+    into: Path,
+    encoding: str = "cdr",
+    topic: str = "/a",
+    time: int = 7,
+) -> Path:
+    """MCAP of one message."""
     stream = io.BytesIO()
     writer = Writer(stream)
     writer.start()
     definition = str(NEW.generate_msgdef(kind, ros_version=2)[0])
     schema = writer.register_schema(kind, "ros2msg", definition.encode())
     raw = message if isinstance(message, bytes) else bytes(NEW.serialize_cdr(message, kind))
-    writer.add_message(writer.register_channel("/a", encoding, schema), 7, raw, 7)
+    writer.add_message(writer.register_channel(topic, encoding, schema), time, raw, time)
     writer.finish()
     into.write_bytes(stream.getvalue())
     return into
@@ -87,11 +94,38 @@ def test_what_cannot_be_one_of_ros_1_is_refused_and_nothing_is_written(tmp_path:
     cut = one_of("std_msgs/msg/String", b"\0\1\0\0\5\0\0\0abc", tmp_path / "cut.mcap")
     text = " ".join(complaint("convert", cut, "--to", target, *ROS1).split())
     assert "the message of /a at 7 ns: it is no std_msgs/msg/String" in text
+    assert "`bagpipe bag slice --topic`" in text
     other = one_of("std_msgs/msg/String", b"{}", tmp_path / "other.mcap", "json")
     text = " ".join(complaint("convert", other, "--to", target, *ROS1).split())
     assert "has topics that ROS 1 can't have: /a: its messages are in json" in text
+    string = NEW.types["std_msgs/msg/String"]("a")
+    odd = one_of("std_msgs/msg/String", string, tmp_path / "odd.mcap", topic="/a-b")
+    text = " ".join(complaint("convert", odd, "--to", target, *ROS1).split())
+    assert "/a-b: no topic of ROS 1 can have this name" in text
+    for time in (10**9 << 32, 2**64 - 1):
+        late = one_of("std_msgs/msg/String", string, tmp_path / "late.mcap", time=time)
+        text = " ".join(complaint("convert", late, "--to", target, *ROS1).split())
+        assert f"of /a was logged at {time} ns, and a bag's time ends in 2106" in text
     text = complaint("convert", cut, "--to", tmp_path / "new.mcap", *ROS1)
     assert "let --to end in .bag" in " ".join(text.split())
     text = complaint("convert", cut, "--to", target, *ROS1, "--compression", "zstd")
     assert "a bag has no zstd" in " ".join(text.split())
     assert sorted(path.name for path in tmp_path.glob("new*")) == []
+
+
+def test_fields_that_ros_1_alone_has_are_named(tmp_path: Path) -> None:
+    kind = "sensor_msgs/msg/Range"
+    definition = str(NEW.generate_msgdef(kind, ros_version=2)[0]).replace("float32 range\n", "")
+    stream = io.BytesIO()
+    writer = Writer(stream)
+    writer.start()
+    schema = writer.register_schema(kind, "ros2msg", definition.encode())
+    channel = writer.register_channel("/a", "cdr", schema)
+    # A header of two numbers and an empty text, a byte, and the rest.
+    raw = b"\0\1\0\0" + bytes(8) + b"\1\0\0\0\0\1\0\0" + bytes(16)
+    writer.add_message(channel, 5, raw, 5)
+    writer.finish()
+    source = tmp_path / "range.mcap"
+    source.write_bytes(stream.getvalue())
+    text = run("convert", source, "--to", tmp_path / "new.bag", *ROS1)[1]
+    assert "fields that ROS 1 alone has are 0 or empty: sensor_msgs/msg/Range.range" in text

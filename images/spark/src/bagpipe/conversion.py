@@ -6,7 +6,7 @@ any other keeps its own fields. A header of ROS 1 has a `seq`, which is 0 in wha
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 from rosbags.convert.converter import migrate_bytes, migrate_message
@@ -14,7 +14,23 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
-from bagpipe.definitions import HEADER, full_name, types_in
+from bagpipe.definition_texts import (
+    Texts,
+    constants_in,
+    constants_of_ros1,
+    constants_of_ros2,
+    foreign_to_ros1,
+    text_of_ros1,
+    text_of_ros2,
+)
+from bagpipe.definitions import (
+    HEADER,
+    full_name,
+    least_bytes,
+    types_as_written,
+    types_in,
+    with_octets,
+)
 from bagpipe.unconverted import Unconverted, name_in
 
 # What has another name in ROS 2, and the same fields.
@@ -23,8 +39,16 @@ _RENAMED = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
 _ALIASES = {"char": "uint8"}
 _OCTETS = {"char": "uint8", "byte": "uint8"}
 _BUILT_IN = "builtin_interfaces/msg/"
+_TIME = [("sec", "int32"), ("nanosec", "uint32")]
+_STAMPED = [
+    ("stamp", (Nodetype.NAME, f"{_BUILT_IN}Time")),
+    ("frame_id", (Nodetype.BASE, ("string", 0))),
+]
 # With which a message in CDR begins.
 _LITTLE_ENDIAN = b"\0\1"
+_HEAD = 4
+# Of which the conversion is kept: many topics of a recording have the same.
+_MOST_TYPES = 1024
 
 
 class ConversionError(ValueError):
@@ -54,6 +78,7 @@ class Conversion:
             raise ConversionError(f"it is no {self.kind}: {error}") from error
 
 
+@lru_cache(_MOST_TYPES)
 def to_ros2(kind: str, definition: str) -> Conversion:
     """For messages of a type of ROS 1, such as sensor_msgs/Imu, by its whole definition.
 
@@ -65,16 +90,18 @@ def to_ros2(kind: str, definition: str) -> Conversion:
         types = types_in(kind, definition, "ros1msg")
         old, new = get_typestore(Stores.EMPTY), get_typestore(Stores.EMPTY)
         old.register(types)
-        new.register(_of_ros2(types, name, target))
+        made_of = _of_ros2(types, name, target, constants_in(name, definition))
+        new.register(made_of)
+        text = text_of_ros2(target, made_of)
     except Exception as error:  # as at decoding: a definition is anybody's text
         raise _unreadable(kind, error) from error
     found = _Comparison(old, new, "ROS 2", "ROS 1", _ALIASES)
     found.compare(name, target, ())
-    text = str(new.generate_msgdef(target, ros_version=2)[0])
     added = tuple(dict.fromkeys(found.added))
     return Conversion(target, text, "", added, _into_ros2(found, name, target))
 
 
+@lru_cache(_MOST_TYPES)
 def to_ros1(kind: str, definition: str, schema_encoding: str) -> Conversion:
     """For messages of a type of ROS 2, by its whole definition in `ros2msg` or `ros2idl`.
 
@@ -86,22 +113,31 @@ def to_ros1(kind: str, definition: str, schema_encoding: str) -> Conversion:
     name = full_name(kind)
     if name.split("/")[1:-1] != ["msg"]:
         raise ConversionError(f"{kind}: ROS 1 has no messages of services and actions as a type")
+    if name.startswith(_BUILT_IN):
+        raise ConversionError(f"{kind}: in ROS 1 it is the type of a field, and of no message")
     try:
-        types = types_in(kind, definition, schema_encoding) if schema_encoding else _of_jazzy(name)
+        if schema_encoding:
+            types = types_as_written(kind, definition, schema_encoding)
+        else:
+            types = _of_jazzy(name)
+        types = _but_built_in(types)
+        texts = constants_in(name, definition) if schema_encoding == "ros2msg" else {}
+        made_of = _of_ros1(types, name, texts)
+        text, md5sum = text_of_ros1(name, made_of)
         old, new = get_typestore(Stores.EMPTY), get_typestore(Stores.EMPTY)
-        old.register(_but_built_in(types))
-        new.register(_of_ros1(types, name))
+        # An octet is neither of rosbags' bytes.
+        old.register(types := with_octets(types))
+        new.register(with_octets(made_of))
         without_place = Unconverted(old.fielddefs)
         found = _Comparison(old, new, "ROS 1", "ROS 2", _OCTETS, without_place)
         found.compare(name, name, ())
-        text, md5sum = new.generate_msgdef(name, ros_version=1)
     except ConversionError:
         raise
     except Exception as error:  # as at decoding: a definition is anybody's text
         raise _unreadable(kind, error) from error
     added = tuple(dict.fromkeys(found.added))
-    convert = _into_ros1(found, name, without_place)
-    return Conversion(name, str(text), str(md5sum), added, convert)
+    convert = _into_ros1(found, name, without_place, least_bytes(name, types))
+    return Conversion(name, text, md5sum, added, convert)
 
 
 def _unreadable(kind: str, error: Exception) -> ConversionError:
@@ -120,11 +156,16 @@ def _into_ros2(
 
 
 def _into_ros1(
-    found: "_Comparison", name: str, without_place: Unconverted
+    found: "_Comparison", name: str, without_place: Unconverted, least: int
 ) -> Callable[[bytes | memoryview], memoryview]:
     kept: dict[str, object] = {}
 
     def converted(message: bytes | memoryview) -> memoryview:
+        # Room for all of it is made before it is read.
+        if len(message) < _HEAD + least:
+            raise ConversionError(
+                f"it is no {name}: {len(message)} bytes, of at least {_HEAD + least}"
+            )
         # rosbags takes bytes of its own order alone from one serialisation to the other.
         if bytes(message[:2]) == _LITTLE_ENDIAN and not found.differs:
             return found.old.cdr_to_ros1(message, name)
@@ -154,14 +195,20 @@ def _noetic() -> Typestore:
     return get_typestore(Stores.ROS1_NOETIC)
 
 
-def _of_ros2(types: dict[str, Any], name: str, target: str) -> dict[str, Any]:
+def _of_ros2(types: dict[str, Any], name: str, target: str, texts: Texts) -> dict[str, Any]:
     """The types that a type of ROS 2 is made of, by their names."""
-    return _made_of(
-        target, lambda one: _jazzy().fielddefs.get(one) or types[name if one == target else one]
-    )
+
+    def described(one: str) -> Any:
+        if (of_ros2 := _jazzy().fielddefs.get(one)) is not None:
+            return of_ros2
+        own = name if one == target else one
+        constants, fields = types[own]
+        return constants_of_ros2(own, constants, texts), fields
+
+    return _made_of(target, described)
 
 
-def _of_ros1(types: dict[str, Any], name: str) -> dict[str, Any]:
+def _of_ros1(types: dict[str, Any], name: str, texts: Texts) -> dict[str, Any]:
     """The types that a type of ROS 1 is made of, by their names."""
 
     def described(one: str) -> Any:
@@ -170,7 +217,10 @@ def _of_ros1(types: dict[str, Any], name: str) -> dict[str, Any]:
         if one not in types:
             # As wstring, which rosbags takes for a message's type.
             raise ConversionError(f"{name}: neither its definition nor ROS 1 has {one}")
-        return _unbounded(types[one])
+        constants, fields = types[one]
+        if (foreign := foreign_to_ros1(fields)) is not None:
+            raise ConversionError(f"{name}: ROS 1 has no {foreign}, of which {one} has a field")
+        return constants_of_ros1(one, constants, texts), _unbounded(fields)
 
     return _made_of(name, described)
 
@@ -188,13 +238,17 @@ def _made_of(target: str, described: Callable[[str], Any]) -> dict[str, Any]:
 
 
 def _but_built_in(types: dict[str, Any]) -> dict[str, Any]:
+    """Without times and durations, which rosbags has: raises ConversionError for others."""
+    for name in (f"{_BUILT_IN}Time", f"{_BUILT_IN}Duration"):
+        fields = [(each, detail[0]) for each, (_, detail) in types.get(name, ((), ()))[1]]
+        if fields not in ([], _TIME):
+            raise ConversionError(f"{name} has other fields than an int32 and an uint32")
     return {name: each for name, each in types.items() if not name.startswith(_BUILT_IN)}
 
 
-def _unbounded(described: Any) -> Any:
-    """A type of ROS 2 without the bounds of its texts and sequences, which ROS 1 does not have."""
-    constants, fields = described
-    return constants, [(name, _unbounded_field(kind)) for name, kind in fields]
+def _unbounded(fields: Any) -> list[Any]:
+    """Fields without the bounds of their texts and sequences, which ROS 1 does not have."""
+    return [(name, _unbounded_field(kind)) for name, kind in fields]
 
 
 def _unbounded_field(kind: Any) -> Any:
@@ -245,15 +299,20 @@ class _Comparison:
                     self._misses(name, target, each)
             pairs = [((each, kind), (each, places[each])) for each, kind in old if each in places]
             self.added += [f"{target}.{each}" for each in others if each not in names]
-        for (each, kind), (_, other) in pairs:
+        for (each, kind), (called, other) in pairs:
+            # rosbags pairs those of other capital letters where they are of one type.
+            if each != called and kind != other:
+                raise ConversionError(f"{target}.{each} is of another type in {self.into}")
             self._field(f"{target}.{each}", kind, other, (*within, name))
 
     def _header(self) -> None:
         """rosbags knows both by their name: with `seq` in ROS 1, and without it in ROS 2."""
-        for store in (self.old, self.new):
-            names = [each for each, _ in store.fielddefs[HEADER][1]]
-            if names[-2:] != ["stamp", "frame_id"] or names[:-2] not in ([], ["seq"]):
-                raise ConversionError(f"{HEADER} has the fields {', '.join(names)}")
+        for store, of in ((self.old, self.of), (self.new, self.into)):
+            fields = list(store.fielddefs[HEADER][1])
+            named = [each for each, _ in fields[:-2]]
+            if fields[-2:] != _STAMPED or named not in ([], ["seq"] if of == "ROS 1" else []):
+                names = ", ".join(each for each, _ in fields)
+                raise ConversionError(f"{HEADER} of {of} has the fields {names}, or of other types")
 
     def _misses(self, name: str, target: str, each: str) -> None:
         if self.without_place is None:

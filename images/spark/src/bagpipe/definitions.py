@@ -34,6 +34,12 @@ def types_in(kind: str, definition: str, schema_encoding: str) -> dict[str, Any]
 
     A byte of ROS 2 is an octet, from 0 to 255; in ROS 1 it is another name of int8.
     """
+    found = types_as_written(kind, definition, schema_encoding)
+    return with_octets(found) if schema_encoding in _OF_ROS_2 else found
+
+
+def types_as_written(kind: str, definition: str, schema_encoding: str) -> dict[str, Any]:
+    """The same, where a byte is one by that name."""
     if schema_encoding == "ros2idl":
         found = types_in_idl(definition)
     elif len(definition) > MOST_CHARACTERS:
@@ -41,11 +47,22 @@ def types_in(kind: str, definition: str, schema_encoding: str) -> dict[str, Any]
     else:
         found = dict(get_types_from_msg(definition, full_name(kind)))
     _refuse_costly(found)
-    if schema_encoding in _OF_ROS_2:
-        found = {name: (consts, _octets(fields)) for name, (consts, fields) in found.items()}
     if OLD_HEADER in found:
         found.setdefault(HEADER, found[OLD_HEADER])
     return found
+
+
+def least_bytes(name: str, types: dict[str, Any]) -> int:
+    """No message of ROS 2 of this type is shorter, behind its head of four bytes."""
+    return _Contents(types).of(name).least_bytes
+
+
+def with_octets(types: dict[str, Any]) -> dict[str, Any]:
+    """Types with uint8 for each byte."""
+    return {
+        name: (constants, [(field, _octet(kind)) for field, kind in fields])
+        for name, (constants, fields) in types.items()
+    }
 
 
 def _refuse_costly(types: dict[str, Any]) -> None:
@@ -136,10 +153,6 @@ def _arrays(types: dict[str, Any]) -> Iterator[tuple[str, str, Nodetype, Any, in
         for field, (kind, detail) in fields:
             if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
                 yield name, field, kind, detail[0], int(detail[1])
-
-
-def _octets(fields: Any) -> list[Any]:
-    return [(name, _octet(kind)) for name, kind in fields]
 
 
 def _octet(kind: Any) -> Any:

@@ -29,17 +29,34 @@ def types_in_idl(definition: str) -> dict[str, Any]:
     Comments and annotations are left out. A constant or a bound has to be one literal or one name,
     as rosidl writes them.
     """
-    parts = [_plain(part) for part in definition.split(_PARTS)]
+    texts: list[str] = []
+    parts = [_plain(part, texts) for part in definition.split(_PARTS)]
     _refuse_costly("\n".join(parts))
     found: dict[str, Any] = {}
     for part in filter(str.strip, parts):
         found |= get_types_from_idl(part)
-    return found
+    return {name: (_with(texts, constants), fields) for name, (constants, fields) in found.items()}
 
 
-def _plain(part: str) -> str:
+def _plain(part: str, texts: list[str]) -> str:
+    """Without what is not needed; a text is its number among `texts`, to which it is added."""
+
+    def left(word: re.Match[str]) -> str:
+        if not word[0].startswith('"'):
+            return " "  # as a comment divides words
+        texts.append(word[0][1:].removesuffix('"'))
+        return f'"{len(texts) - 1}"'
+
     text = part.partition("\n")[2] if part.startswith(_NAME) else part
-    return _ANNOTATION.sub(" ", _WORDS.sub(_left, text))
+    return _ANNOTATION.sub(" ", _WORDS.sub(left, text))
+
+
+def _with(texts: list[str], constants: Any) -> list[Any]:
+    places = {str(number): text for number, text in enumerate(texts)}
+    return [
+        (name, kind, places.get(value, value) if kind in ("string", "wstring") else value)
+        for name, kind, value in constants
+    ]
 
 
 def _refuse_costly(text: str) -> None:
@@ -51,8 +68,3 @@ def _refuse_costly(text: str) -> None:
         raise ValueError("it has a sequence of sequences, which ROS 2 has not")
     if (expressions := len(_EXPRESSION.findall(text))) > MOST_EXPRESSIONS:
         raise ValueError(f"it has {expressions} constants and bounds, more than {MOST_EXPRESSIONS}")
-
-
-def _left(word: re.Match[str]) -> str:
-    """A text is still one; of a comment a blank is left, as it divides words."""
-    return '""' if word[0].startswith('"') else " "

@@ -53,7 +53,9 @@ impl MemoryMcap {
                 topics.as_ref().is_none_or(|topics| topics.contains(&each.topic))
             };
             let timeline = self.mcap.timeline(wanted)?;
-            let inside = timeline.between(start.unwrap_or(0), end.unwrap_or(u64::MAX));
+            let mut inside = timeline.between(start.unwrap_or(0), end.unwrap_or(u64::MAX));
+            // Without an end also what was logged at the last nanosecond there is.
+            inside.end = if end.is_none() { timeline.len() } else { inside.end };
             let (_, mut places) = timeline.into_parts();
             places.truncate(inside.end);
             places.drain(..inside.start);

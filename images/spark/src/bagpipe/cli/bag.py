@@ -415,7 +415,8 @@ def _show_written(found: dict[str, Any], console: Console) -> None:
     if found.get("damage"):
         lines.append(f"lost of the old one: {_lost(found['damage'])}")
     if found.get("added"):
-        lines.append(f"fields that ROS 2 alone has are 0 or empty: {', '.join(found['added'])}")
+        ros = "ROS 1" if found["bag"].endswith(".bag") else "ROS 2"
+        lines.append(f"fields that {ros} alone has are 0 or empty: {', '.join(found['added'])}")
     for text in lines:
         console.print(unstyled(text), highlight=False, soft_wrap=True)
 

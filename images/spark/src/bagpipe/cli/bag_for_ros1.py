@@ -1,5 +1,6 @@
 """`bagpipe bag convert --messages ros1`: a bag with the messages of ROS 2 as ROS 1 has them."""
 
+import re
 from collections.abc import Iterator
 from typing import Any, Literal, cast
 
@@ -11,6 +12,10 @@ from bagpipe.encodings import CDR, ROS1
 from bagpipe.topic_names import resolve
 
 _COMPRESSIONS = ("none", "lz4", "bz2")
+# In nanoseconds: a bag has seconds in 32 bits.
+_END_OF_TIME = 10**9 << 32
+# As ROS 1's libraries take a name that begins with a slash.
+_NAME = re.compile(r"/[\w/]*", re.ASCII)
 
 
 def for_ros1(file: Elsewhere, target: str, packing: str) -> Written:
@@ -31,6 +36,11 @@ def for_ros1(file: Elsewhere, target: str, packing: str) -> Written:
         writer = native().writer(compression=cast("Literal['none', 'lz4', 'bz2']", packing))
         declared = {one.id: _declared(one, conversions[one.id]) for one in connections}
         for connection, time, data in messages:
+            if time >= _END_OF_TIME:
+                raise BagRefusedError(
+                    f"{file.uri}: a message of {resolve(connection.topic)} was logged at {time} ns,"
+                    " and a bag's time ends in 2106"
+                )
             writer.write(resolve(connection.topic), time, data, **declared[connection.id])
         bag = writer.finish()
         return bytes(bag.view()), bag.message_count
@@ -39,6 +49,8 @@ def for_ros1(file: Elsewhere, target: str, packing: str) -> Written:
 
 
 def _conversion(connection: Any) -> Conversion | None:
+    if not _NAME.fullmatch(resolve(connection.topic)):
+        raise ConversionError("no topic of ROS 1 can have this name")
     if connection.encoding == ROS1:
         return None
     if connection.encoding != CDR:

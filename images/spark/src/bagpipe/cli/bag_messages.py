@@ -63,6 +63,7 @@ def _converted(
             data = bytes(raw) if conversion is None else conversion.convert(raw)
         except ConversionError as error:
             raise BagRefusedError(
-                f"{uri}: the message of {resolve(connection.topic)} at {time} ns: {error}"
+                f"{uri}: the message of {resolve(connection.topic)} at {time} ns: {error}. `bagpipe"
+                " bag slice --topic` writes a recording of the other topics"
             ) from error
         yield connection, time, data
