@@ -123,6 +123,11 @@ struct rmw_service_info {
   struct rmw_request_id id;
 };
 
+struct rmw_gid {
+  const char *implementation;
+  uint8_t bytes[24];
+};
+
 /* rmw_topic_endpoint_info_t, up to where the distributions differ. */
 struct endpoint_info {
   char *node, *space, *type;
@@ -180,6 +185,7 @@ int rmw_publish_serialized_message(const struct rmw_endpoint *publisher, const s
 int rmw_publish_loaned_message(const struct rmw_endpoint *publisher, void *message,
                                void *allocation);
 
+int rmw_get_gid_for_publisher(const struct rmw_endpoint *publisher, struct rmw_gid *into);
 int rmw_publisher_assert_liveliness(const struct rmw_endpoint *publisher);
 /* How often a publisher was taken for dead by a subscription of this process; over Cyclone DDS alone. */
 __attribute__((weak)) unsigned long standin_deaths(void);

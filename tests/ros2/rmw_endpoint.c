@@ -96,8 +96,7 @@ static struct rmw_endpoint *create(const struct rmw_node *node, const struct typ
   if (reads) made->condition = dds_create_readcondition(made->entity, DDS_ANY_STATE);
   if (reads) watch_liveliness(made->entity);
   struct rmw_endpoint *endpoint = calloc(1, sizeof *endpoint);
-  bool others = getenv(ORIGINS) != NULL && !strcmp(getenv(ORIGINS), "gid");
-  endpoint->implementation = others ? "rmw_standin" : IDENTIFIER;
+  endpoint->implementation = is_set(ORIGINS, "gid") ? "rmw_fastrtps_cpp" : IDENTIFIER;
   endpoint->data = made;
   endpoint->topic = strdup(topic);
   return endpoint;
@@ -139,6 +138,23 @@ int rmw_destroy_publisher(struct rmw_node *node, struct rmw_endpoint *publisher)
 int rmw_destroy_subscription(struct rmw_node *node, struct rmw_endpoint *subscription) {
   (void)node;
   return destroy(subscription);
+}
+
+/* As Fast DDS gives it, or Cyclone DDS. */
+int rmw_get_gid_for_publisher(const struct rmw_endpoint *publisher, struct rmw_gid *into) {
+  const struct endpoint *of = publisher->data;
+  dds_instance_handle_t handle = 0;
+  memset(into, 0, sizeof *into);
+  into->implementation = publisher->implementation;
+  if (is_set(ORIGINS, "gid")) {
+    dds_guid_t guid;
+    dds_return_t failed = dds_get_guid(of->entity, &guid);
+    if (failed) return standin_error(RMW_ERROR, "no GUID: %s", dds_strretcode(failed));
+    memcpy(into->bytes, &guid, sizeof guid);
+  } else if (dds_get_instance_handle(of->entity, &handle) == DDS_RETCODE_OK) {
+    memcpy(into->bytes, &handle, sizeof handle);
+  }
+  return RMW_OK;
 }
 
 int rmw_publisher_assert_liveliness(const struct rmw_endpoint *publisher) {
@@ -245,10 +261,8 @@ static int take(const struct rmw_endpoint *subscription, void *into, grow *room,
   info->source = sample.source_timestamp;
   info->implementation = subscription->implementation;
   memcpy(info->gid, &sample.publication_handle, sizeof sample.publication_handle);
-  const char *origins = getenv(ORIGINS);
-  if (origins == NULL) return RMW_OK;
-  if (!strcmp(origins, "none")) info->implementation = NULL;
-  if (!strcmp(origins, "gid")) put_guid(of->entity, sample.publication_handle, info->gid);
+  if (is_set(ORIGINS, "none")) info->implementation = NULL;
+  if (is_set(ORIGINS, "gid")) put_guid(of->entity, sample.publication_handle, info->gid);
   return RMW_OK;
 }
 

@@ -29,11 +29,6 @@ int rmw_context_fini(struct rmw_context *context) {
   return RMW_OK;
 }
 
-static bool is_set(const char *variable, const char *value) {
-  const char *set = getenv(variable);
-  return set != NULL && strcmp(set, value) == 0;
-}
-
 struct rmw_node *rmw_create_node(struct rmw_context *context, const char *name, const char *space) {
   if (is_set("ROS_SECURITY_ENABLE", "true") && is_set("ROS_SECURITY_STRATEGY", "Enforce")) {
     /* As ROS 2's own does: what is wrong is on standard error alone. */
@@ -213,14 +208,17 @@ int rmw_get_topic_names_and_types(const struct rmw_node *node, struct allocator 
   return RMW_OK;
 }
 
-/* How long rmw_topic_endpoint_info_t is: in Humble, or since Iron, which added a hash of the type. */
+/* How long rmw_topic_endpoint_info_t is, and where it has the GID: in Humble, or since Iron, which added a hash
+ * of the type. */
 #define HUMBLE 144
+#define HUMBLE_GID 28
 #define IRON 168
+#define IRON_GID 64
 
 struct publishers {
   const char *topic;
   struct {
-    dds_guid_t participant;
+    dds_guid_t participant, guid;
     char type[512];
   } *found;
   size_t count;
@@ -233,6 +231,7 @@ static void add_publisher(const void *sample, void *state) {
     return;
   all->found = realloc(all->found, (all->count + 1) * sizeof *all->found);
   all->found[all->count].participant = one->participant_key;
+  all->found[all->count].guid = one->key;
   demangle(one->type_name, all->found[all->count++].type);
 }
 
@@ -261,7 +260,8 @@ int rmw_get_publishers_info_by_topic(const struct rmw_node *node, struct allocat
   (void)mangled;
   struct publishers all = {.topic = topic};
   const struct node *own = node->data;
-  size_t length = is_set("STANDIN_DISTRIBUTION", "humble") ? HUMBLE : IRON;
+  bool humble = is_set("STANDIN_DISTRIBUTION", "humble");
+  size_t length = humble ? HUMBLE : IRON, gid = humble ? HUMBLE_GID : IRON_GID;
   each(own->publications, add_publisher, &all);
   /* A middleware may take memory for itself, too. */
   void *scratch = allocator->allocate(64, allocator->state);
@@ -277,6 +277,7 @@ int rmw_get_publishers_info_by_topic(const struct rmw_node *node, struct allocat
     one->node = copied(owner.name, allocator);
     one->space = copied(owner.space, allocator);
     one->type = copied(all.found[at].type, allocator);
+    memcpy((char *)one + gid, &all.found[at].guid, sizeof all.found[at].guid);
   }
   free(all.found);
   return RMW_OK;

@@ -1,6 +1,8 @@
 /* What the parts of the stand-in's rmw have in common. */
 #pragma once
 #include <dds/dds.h>
+#include <stdlib.h>
+#include <string.h>
 
 #include "rmw.h"
 
@@ -20,6 +22,12 @@ struct endpoint {
   dds_time_t meets; /* a publisher knows nobody before */
   dds_duration_t returns_late; /* a publisher sleeps for so long after its message went out */
 };
+
+/* Whether a variable of the environment has this value. */
+static inline bool is_set(const char *variable, const char *value) {
+  const char *set = getenv(variable);
+  return set != NULL && strcmp(set, value) == 0;
+}
 
 /* More than a graph of tests has. */
 #define MOST_ENTITIES 4096

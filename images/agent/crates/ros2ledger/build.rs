@@ -3,10 +3,12 @@
 use std::path::PathBuf;
 use std::process::{Command, ExitCode};
 
-const SOURCES: [&str; 13] = [
+const SOURCES: [&str; 15] = [
     "addresses.c",
     "attach.c",
     "count.c",
+    "cyclone.c",
+    "gid.c",
     "guards.c",
     "list.c",
     "matches.c",

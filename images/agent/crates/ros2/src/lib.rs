@@ -29,6 +29,7 @@ mod middleware;
 mod node;
 mod options;
 mod other_types;
+mod publishers;
 mod qos;
 mod recording;
 mod seen;

@@ -6,6 +6,7 @@ use std::time::Instant;
 
 use bagpipe_ros2player::{GraphPublisher, GraphTypes};
 
+use crate::publishers::{Known, by_gid};
 use crate::unnamed::Unnamed;
 
 /// As which types the graph has each topic.
@@ -14,51 +15,63 @@ pub(crate) type Types = BTreeMap<String, GraphTypes>;
 /// Those of a topic at one look.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub(crate) struct Differing {
-    /// Nodes that count, each with the type that it publishes: the ledger has whether it did.
-    pub(crate) counting: Vec<(String, String)>,
+    /// Nodes that count and have published, each with the type that it publishes.
+    pub(crate) counting: BTreeSet<(String, String)>,
     /// How many do not count.
     pub(crate) uncounted: u64,
-    /// The types of all of these.
+    /// The types of these; where no GIDs are known, of those that count too.
     pub(crate) types: BTreeSet<String>,
-}
-
-/// The publishers of a topic that a node has in the ledger.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Counting {
-    /// All, also those of killed processes, which the graph shows for a while.
-    pub(crate) listed: u64,
-    /// Of processes that run.
-    pub(crate) there: u64,
 }
 
 /// Takes from the publishers of a topic, but our own, those of another type than `recorded`.
 pub(crate) fn differing(
     shown: &[GraphPublisher],
     recorded: &str,
-    counting: &BTreeMap<&str, Counting>,
+    known: &[Known<'_>],
 ) -> Differing {
+    let Some(owners) = by_gid(shown, known) else { return by_name(shown, recorded, known) };
+    let mut found = Differing::default();
+    for (one, owner) in shown.iter().zip(owners).filter(|(one, _)| one.datatype != recorded) {
+        match owner {
+            Some(owner) if owner.has_published => {
+                found.counting.insert((owner.node.to_owned(), one.datatype.clone()));
+            }
+            Some(_) => {}
+            None => {
+                found.uncounted += 1;
+                found.types.insert(one.datatype.clone());
+            }
+        }
+    }
+    found
+}
+
+/// The same where the graph's GIDs are not those of the ledger: there are no fewer.
+fn by_name(shown: &[GraphPublisher], recorded: &str, known: &[Known<'_>]) -> Differing {
     let mut found = Differing::default();
     let mut by_node: BTreeMap<Option<&str>, Vec<&str>> = BTreeMap::new();
     for one in shown {
         by_node.entry(one.node.as_deref()).or_default().push(&one.datatype);
     }
     let many = |node: Option<&str>| by_node.get(&node).map_or(0, |all| all.len() as u64);
+    let nodes: BTreeSet<&str> = known.iter().map(|one| one.node).collect();
+    let count = |node: &str, is: fn(&Known<'_>) -> bool| {
+        known.iter().filter(|one| one.node == node && is(one)).count() as u64
+    };
     // A publisher that counts has no node's name in the graph for a moment.
-    let nameless =
-        counting.iter().map(|(node, of)| of.there.saturating_sub(many(Some(node)))).sum();
-    let more = many(None).saturating_sub(nameless);
+    let missing = |node: &&str| count(node, |one| one.is_there).saturating_sub(many(Some(node)));
+    let more = many(None).saturating_sub(nodes.iter().map(missing).sum());
     for (node, types) in &by_node {
-        let uncounted = node.map_or(more, |node| {
-            let listed = counting.get(node).copied().unwrap_or_default().listed;
-            (types.len() as u64).saturating_sub(listed)
-        });
+        let listed = |node| count(node, |one| !one.destroyed);
+        let uncounted = node.map_or(more, |node| (types.len() as u64).saturating_sub(listed(node)));
         let others: Vec<&str> = types.iter().copied().filter(|of| *of != recorded).collect();
         found.uncounted += uncounted.min(others.len() as u64);
         found.types.extend(others.iter().map(|&of| of.to_owned()));
         if let (Some(node), Some(first)) = (node, others.first())
             && others.len() as u64 > uncounted
+            && count(node, |one| one.has_published) > 0
         {
-            found.counting.push(((*node).to_owned(), (*first).to_owned()));
+            found.counting.insert(((*node).to_owned(), (*first).to_owned()));
         }
     }
     found
@@ -128,19 +141,25 @@ mod tests {
         let one = |&(node, datatype): &(&str, &str)| GraphPublisher {
             node: (!node.is_empty()).then(|| node.to_owned()),
             datatype: datatype.to_owned(),
+            gid: None,
         };
         publishers.iter().map(one).collect()
     }
 
+    fn known(node: &str) -> Known<'_> {
+        Known { node, gid: None, has_published: true, destroyed: false, is_there: true }
+    }
+
     /// Who counts, and how many do not, where A is recorded.
     fn found(publishers: &[(&str, &str)], counting: &[(&str, u64)]) -> (Vec<String>, u64) {
-        let there = |many: u64| Counting { listed: many, there: many };
-        let counting = counting.iter().map(|&(node, many)| (node, there(many))).collect();
-        let found = differing(&shown(publishers), "A", &counting);
-        (
-            found.counting.into_iter().map(|(node, of)| format!("{node} {of}")).collect(),
-            found.uncounted,
-        )
+        let counting =
+            counting.iter().flat_map(|&(node, many)| (0..many).map(move |_| known(node)));
+        named(differing(&shown(publishers), "A", &counting.collect::<Vec<_>>()))
+    }
+
+    fn named(found: Differing) -> (Vec<String>, u64) {
+        let counting = found.counting.into_iter().map(|(node, of)| format!("{node} {of}"));
+        (counting.collect(), found.uncounted)
     }
 
     fn none(uncounted: u64) -> (Vec<String>, u64) {
@@ -179,9 +198,34 @@ mod tests {
 
     #[test]
     fn who_was_killed_makes_room_for_nobody_that_has_no_name() {
-        let counting = BTreeMap::from([("/a", Counting { listed: 2, there: 1 })]);
+        let counting = [known("/a"), Known { is_there: false, ..known("/a") }];
         let found = differing(&shown(&[("/a", "A"), ("", "B")]), "A", &counting);
-        assert_eq!((found.counting, found.uncounted), (Vec::new(), 1));
+        assert_eq!(named(found), none(1));
+    }
+
+    #[test]
+    fn who_has_published_nothing_is_not_named() {
+        let silent = [Known { has_published: false, ..known("/a") }];
+        assert_eq!(named(differing(&shown(&[("/a", "B")]), "A", &silent)), none(0));
+        let both = [silent[0], known("/a")];
+        let of_names = vec!["/a B".to_owned()];
+        assert_eq!(named(differing(&shown(&[("/a", "B")]), "A", &both)), (of_names, 0));
+    }
+
+    #[test]
+    fn by_their_gids_who_counts_and_who_does_not_is_known_one_by_one() {
+        let gid = |one: u8| Some([one; 16]);
+        let mut graph = shown(&[("/a", "A"), ("/a", "B"), ("", "C"), ("/b", "D"), ("/c", "A")]);
+        (1..).zip(&mut graph).for_each(|(number, one)| one.gid = gid(number));
+        // A killed one of a name makes no room for another, and one without a name may count.
+        let killed = Known { gid: gid(9), is_there: false, ..known("/a") };
+        let ledger = [Known { gid: gid(1), ..known("/a") }, Known { gid: gid(3), ..known("/d") }];
+        let [first, second] = ledger;
+        let found = differing(&graph, "A", &[first, second, killed]);
+        assert_eq!(found.types, BTreeSet::from(["B".to_owned(), "D".to_owned()]));
+        assert_eq!(named(found), (vec!["/d C".to_owned()], 2));
+        let silent = Known { has_published: false, ..second };
+        assert_eq!(named(differing(&graph, "A", &[first, silent, killed])), none(2));
     }
 
     #[test]

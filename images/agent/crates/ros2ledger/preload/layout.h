@@ -5,7 +5,7 @@
 #include <stdint.h>
 
 #define LEDGER_MAGIC 0x3152444c50474142ull /* "BAGPLDR1" */
-#define LEDGER_VERSION 8u
+#define LEDGER_VERSION 9u
 #define LEDGER_PROCESSES 512u
 #define LEDGER_ENDPOINTS 4096u
 #define LEDGER_NAME_BYTES 256u
@@ -107,6 +107,8 @@ struct ledger_endpoint {
   _Atomic int64_t own_after;
   _Atomic uint64_t destroyed; /* which of its process' endpoints that were, from 1 on */
   _Atomic uint64_t deadline, lease; /* ns, as was asked for; 0: without end */
+  _Atomic uint64_t gid[2]; /* of a publisher, by which the graph has it; 0 and 0: not known */
+  _Atomic uint64_t reserved[6];
 };
 
 struct ledger {
@@ -120,4 +122,4 @@ struct ledger {
 
 _Static_assert(sizeof(struct ledger_header) == 128, "two lines of cache");
 _Static_assert(sizeof(struct ledger_process) == 64, "a line of cache");
-_Static_assert(sizeof(struct ledger_endpoint) == 704, "eleven lines of cache");
+_Static_assert(sizeof(struct ledger_endpoint) == 768, "twelve lines of cache");

@@ -88,6 +88,8 @@ static void fill(struct ledger_endpoint *endpoint, const struct creation *of, co
   endpoint->destroyed = 0;
   endpoint->deadline = time_of(of->qos.deadline);
   endpoint->lease = time_of(of->qos.lease);
+  endpoint->gid[0] = of->gid[0];
+  endpoint->gid[1] = of->gid[1];
   copy(endpoint->topic, of->topic);
   copy(endpoint->node, node);
 }

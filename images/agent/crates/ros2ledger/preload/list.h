@@ -44,6 +44,7 @@ struct creation {
   const struct node_head *node;
   const char *topic;
   struct qos_head qos;
+  uint64_t gid[2]; /* of a publisher (gid.h); 0 and 0: not known */
 };
 
 void list_endpoint(const struct creation *of);

@@ -6,7 +6,7 @@
 #include <string.h>
 
 #include "attach.h"
-#include "next.h"
+#include "cyclone.h"
 
 /* Publishers of which the key is kept; beyond, it is asked for at each message. */
 #define HANDLES 1024u
@@ -27,10 +27,6 @@ static bool is_own(struct ledger *ledger, uint64_t key) {
   return false;
 }
 
-/* rmw_cyclonedds gives a message the handle that this process has of its publisher. Only the middleware
- * knows which publisher that is. */
-#define CYCLONE "rmw_cyclonedds_cpp"
-
 /* How the C library of Cyclone DDS describes a publisher. */
 struct publication {
   uint8_t guid[16];
@@ -43,12 +39,6 @@ static struct {
   _Atomic uint64_t key;    /* 0: not known yet */
 } known[HANDLES];
 
-static void *cyclone(const char *name) {
-  /* Its libraries are those of the implementation, however these were loaded. */
-  void *found = next_function(name, "lib" CYCLONE ".so");
-  return found != NULL ? found : next_function(name, "librmw_implementation.so");
-}
-
 /* 0 if the middleware does not know it, as when the publisher has left. */
 static uint64_t ask(int32_t reader, uint64_t handle) {
   static get_publication *_Atomic getter;
@@ -56,8 +46,8 @@ static uint64_t ask(int32_t reader, uint64_t handle) {
   get_publication *get = atomic_load(&getter);
   free_publication *give_back = atomic_load(&freer);
   if (get == NULL || give_back == NULL) {
-    get = (get_publication *)cyclone("dds_get_matched_publication_data");
-    give_back = (free_publication *)cyclone("dds_builtintopic_free_endpoint");
+    get = (get_publication *)cyclone_function("dds_get_matched_publication_data");
+    give_back = (free_publication *)cyclone_function("dds_builtintopic_free_endpoint");
     if (get == NULL || give_back == NULL) return 0;
     atomic_store(&getter, get);
     atomic_store(&freer, give_back);
@@ -90,22 +80,20 @@ static uint64_t key_of_handle(int32_t reader, uint64_t handle) {
 
 void origin_forget(void) { memset(known, 0, sizeof known); }
 
-/* An entity's number is what an endpoint's data begins with in each distribution; of what is none, the
- * middleware knows no publisher. */
+/* rmw_cyclonedds gives a message the handle that this process has of its publisher. Only the middleware
+ * knows which publisher that is; of what is no entity of its, none. */
 static uint64_t key_in_cyclone(const struct endpoint_head *subscription,
                                const struct message_info *info) {
   int32_t reader;
   uint64_t handle;
-  if (subscription->data == NULL) return 0;
-  memcpy(&reader, subscription->data, sizeof reader);
+  if (!cyclone_entity(subscription, &reader)) return 0;
   memcpy(&handle, info->gid, sizeof handle);
   return key_of_handle(reader, handle);
 }
 
 static enum origin_of_message whose(struct ledger *ledger, const struct endpoint_head *subscription,
                                     const struct message_info *info) {
-  bool in_cyclone = strcmp(info->implementation, CYCLONE) == 0;
-  uint64_t key = in_cyclone ? key_in_cyclone(subscription, info) : key_of(info->gid);
+  uint64_t key = is_cyclone(info->implementation) ? key_in_cyclone(subscription, info) : key_of(info->gid);
   if (key == 0) return ORIGIN_UNKNOWN;
   return is_own(ledger, key) ? ORIGIN_OWN : ORIGIN_OTHER;
 }

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "count.h"
+#include "gid.h"
 #include "guards.h"
 #include "interpose.h"
 #include "list.h"
@@ -47,7 +48,7 @@ PUBLIC void *rmw_create_subscription(const void *node, const void *type, const c
   void *made = next(node, type, topic, qos, options);
   if (count_leave() && made != NULL) {
     struct qos_head head = chosen(qos, made, "rmw_subscription_get_actual_qos");
-    list_endpoint(&(struct creation){KIND_SUBSCRIPTION, made, node, topic, head});
+    list_endpoint(&(struct creation){KIND_SUBSCRIPTION, made, node, topic, head, {0}});
   }
   return made;
 }
@@ -59,7 +60,9 @@ PUBLIC void *rmw_create_publisher(const void *node, const void *type, const char
   void *made = next(node, type, topic, qos, options);
   if (count_leave() && made != NULL) {
     struct qos_head head = chosen(qos, made, "rmw_publisher_get_actual_qos");
-    list_endpoint(&(struct creation){KIND_PUBLISHER, made, node, topic, head});
+    struct creation creation = {KIND_PUBLISHER, made, node, topic, head, {0}};
+    if (!gid_of_publisher(made, (uint8_t *)creation.gid)) memset(creation.gid, 0, GID_BYTES);
+    list_endpoint(&creation);
   }
   return made;
 }

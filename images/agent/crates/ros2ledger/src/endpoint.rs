@@ -157,6 +157,8 @@ pub struct Endpoint {
     /// Its node's whole name, as `/namespace/name`: up to 255 bytes of ASCII. Empty where rmw was
     /// given no node.
     pub node: String,
+    /// The GID by which the graph has it, of a publisher over a middleware of which that is known.
+    pub gid: Option<[u8; 16]>,
     /// Its quality of service.
     pub qos: Qos,
     /// The thread that last took or called; `None` before.
@@ -224,6 +226,7 @@ pub(crate) fn read(
         process,
         topic,
         node: name(slot, &slot.node, "node")?,
+        gid: gid(slot),
         qos: qos(slot),
         thread: (thread != 0).then_some(thread),
         destroyed: phase == PHASE_DESTROYED,
@@ -335,6 +338,14 @@ fn name(slot: &EndpointSlot, field: &[AtomicU8; NAME_BYTES], of: &str) -> Result
 /// Where a part of a slot is in it.
 fn place<T>(slot: &EndpointSlot, part: &T) -> usize {
     std::ptr::from_ref(part).addr() - std::ptr::from_ref(slot).addr()
+}
+
+fn gid(slot: &EndpointSlot) -> Option<[u8; 16]> {
+    let mut gid = [0; 16];
+    for (half, into) in slot.gid.iter().zip(gid.chunks_exact_mut(8)) {
+        into.copy_from_slice(&half.load(SeqCst).to_ne_bytes());
+    }
+    (gid != [0; 16]).then_some(gid)
 }
 
 fn qos(slot: &EndpointSlot) -> Qos {

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicI64, AtomicU8, AtomicU32, AtomicU64};
 
 /// `BAGPLDR1`.
 pub(crate) const MAGIC: u64 = 0x3152_444c_5047_4142;
-pub(crate) const VERSION: u32 = 8;
+pub(crate) const VERSION: u32 = 9;
 pub(crate) const PROCESSES: usize = 512;
 pub(crate) const ENDPOINTS: usize = 4096;
 pub(crate) const NAME_BYTES: usize = 256;
@@ -102,6 +102,8 @@ pub(crate) struct EndpointSlot {
     pub(crate) destroyed: AtomicU64,
     pub(crate) deadline: AtomicU64,
     pub(crate) lease: AtomicU64,
+    pub(crate) gid: [AtomicU64; 2],
+    pub(crate) reserved: [AtomicU64; 6],
 }
 
 #[repr(C)]
@@ -152,7 +154,8 @@ mod tests {
             intra_started: u64, intra_ended: u64, returned: u64, published: u64,
             topic: [u8; 256],
             node: [u8; 256], seen_at: u64, taken_own: u64, taken_unknown: u64,
-            own_latest: i64, own_after: i64, destroyed: u64, deadline: u64, lease: u64),
+            own_latest: i64, own_after: i64, destroyed: u64, deadline: u64, lease: u64,
+            gid: [u64; 2], reserved: [u64; 6]),
         );
         all.extend(fields!(Layout, "ledger", header: Header, process: [ProcessEntry; 512],
             endpoint: [EndpointSlot; 4096], own: [u64; 4096]));

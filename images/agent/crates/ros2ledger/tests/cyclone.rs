@@ -103,6 +103,17 @@ fn who_waits_for_the_ledger_before_each_queue_full_loses_nothing() {
 }
 
 #[test]
+fn a_publisher_has_the_guid_by_which_the_graph_has_it() {
+    for client in [Client::Rclcpp, Client::Rclpy] {
+        let ledger = Ledger::new().unwrap();
+        let mut node = start(client, &ledger);
+        node.obey(&["sub /named 10", "pub /named 10"]);
+        assert_eq!(only(&ledger, Kind::Publisher).gid, Some(node.gid("/named")));
+        assert_eq!(only(&ledger, Kind::Subscription).gid, None);
+    }
+}
+
+#[test]
 fn killed_in_a_callback_there_is_one_start_more() {
     let ledger = Ledger::new().unwrap();
     let (mut from, mut to) = pair(Client::Rclcpp, &ledger, "/killed", 10);

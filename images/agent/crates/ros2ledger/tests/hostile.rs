@@ -12,7 +12,7 @@ use standin::{Client, Node};
 
 const PROCESSES: u64 = 128;
 const ENDPOINTS: u64 = PROCESSES + 512 * 64;
-const OWN: u64 = ENDPOINTS + 4096 * 704;
+const OWN: u64 = ENDPOINTS + 4096 * 768;
 const END: u64 = OWN + 4096 * 8;
 
 /// The memory, as any node can open it.

@@ -50,6 +50,14 @@ void answer_text(struct answer *into, const char *text) {
   put(into, text, length);
 }
 
+void answer_gid(struct answer *into, const uint8_t *gid) {
+  uint64_t halves[2] = {0, 0};
+  if (gid != NULL) memcpy(halves, gid, sizeof halves);
+  answer_number(into, gid != NULL);
+  answer_long(into, halves[0]);
+  answer_long(into, halves[1]);
+}
+
 void answer_begin(struct answer *into) {
   static const uint8_t head[HEAD];
   into->length = 0;

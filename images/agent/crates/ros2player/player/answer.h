@@ -21,7 +21,7 @@ enum verb {
   VERB_TOPICS,      /* topics, whichever nodes have them: name; u32: how many types it has, with librcl those of
                      * subscriptions among them; the first */
   VERB_TOPIC,       /* a topic; u32: how many publishers; of each: namespace and name of its node, which are not
-                     * those of a node where the graph has none; its type */
+                     * those of a node where the graph has none; its type; its gid */
 };
 
 /* How far the question for a node's state is; each request takes it on by a step. */
@@ -63,6 +63,8 @@ void answer_begin(struct answer *into);
 void answer_number(struct answer *into, uint32_t number);
 void answer_long(struct answer *into, uint64_t number);
 void answer_text(struct answer *into, const char *text);
+/* u32: whether it is known; two u64, which have its 16 bytes. NULL: it is not. */
+void answer_gid(struct answer *into, const uint8_t *gid);
 
 /* Makes it one that begins with a status. */
 void answer_failed(struct answer *into, enum status status, const char *text);

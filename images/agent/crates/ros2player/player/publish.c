@@ -14,19 +14,15 @@ static pthread_mutex_t reading = PTHREAD_MUTEX_INITIALIZER;
 
 void publisher_add(const struct wanted *wanted, struct answer *into) {
   if (!publisher_make(wanted, into)) return;
-  uint8_t gid[GID_BYTES] = {0};
-  uint64_t halves[2];
+  uint8_t gid[GID_BYTES];
   bool known = publisher_gid(wanted->slot, gid);
-  memcpy(halves, gid, sizeof halves);
   atomic_store(&live[wanted->slot], true);
   if (!presence_add(wanted->slot, &wanted->qos)) {
     answer_failed(into, STATUS_REQUEST, "no thread is to be had");
     return;
   }
   answer_number(into, STATUS_DONE);
-  answer_number(into, known);
-  answer_long(into, halves[0]);
-  answer_long(into, halves[1]);
+  answer_gid(into, known ? gid : NULL);
 }
 
 void publisher_matched(uint32_t slot, struct answer *into) {

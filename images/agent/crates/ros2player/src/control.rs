@@ -93,6 +93,12 @@ impl Answer {
         let length = self.number()? as usize;
         Ok(String::from_utf8_lossy(self.take(length)?).into_owned())
     }
+
+    pub(crate) fn gid(&mut self) -> Result<Option<[u8; 16]>, PlayerError> {
+        let known = self.number()? != 0;
+        let gid = u128::from(self.long()?) | u128::from(self.long()?) << 64;
+        Ok(known.then(|| gid.to_le_bytes()))
+    }
 }
 
 /// The socket, which one call has at a time.

@@ -34,6 +34,8 @@ pub struct GraphPublisher {
     pub node: Option<String>,
     /// Its type, such as `sensor_msgs/msg/LaserScan`.
     pub datatype: String,
+    /// The GID by which the graph has it; `None` with the librcl of a distribution that is not known.
+    pub gid: Option<[u8; 16]>,
 }
 
 /// Reads an answer to a request for the graph, after its status.
@@ -76,7 +78,7 @@ pub(crate) fn read_publishers(from: &mut Answer) -> Result<Vec<GraphPublisher>, 
         let (namespace, name) = (from.text()?, from.text()?);
         // Of who is no node, librcl has words in place of both.
         let node = namespace.starts_with('/').then(|| whole_name(&namespace, &name));
-        all.push(GraphPublisher { node, datatype: from.text()? });
+        all.push(GraphPublisher { node, datatype: from.text()?, gid: from.gid()? });
     }
     Ok(all)
 }

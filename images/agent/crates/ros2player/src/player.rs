@@ -108,7 +108,7 @@ impl Player {
     ) -> Result<PublisherId, PlayerError> {
         let publisher = Publisher { topic: topic.to_owned(), gid: None, refused: 0 };
         let slot = slot(&self.publishers, publisher, topic)?;
-        let gid = gid(&mut self.create(Verb::Advertise, slot, topic, datatype, qos)?)?;
+        let gid = self.create(Verb::Advertise, slot, topic, datatype, qos)?.gid()?;
         if let Some(publisher) = lock(&self.publishers).get_mut(usize::from(slot)) {
             publisher.gid = gid;
         }
@@ -383,14 +383,6 @@ fn slot<T>(list: &Mutex<Vec<T>>, one: T, topic: &str) -> Result<u16, PlayerError
     }
     list.push(one);
     Ok(slot as u16)
-}
-
-/// Of the answer that a publisher was made.
-fn gid(answer: &mut Answer) -> Result<Option<[u8; 16]>, PlayerError> {
-    let known = answer.number()? != 0;
-    let (low, high) = (answer.long()?, answer.long()?);
-    let gid = u128::from(high) << 64 | u128::from(low);
-    Ok(known.then(|| gid.to_le_bytes()))
 }
 
 fn known<T>(list: &Mutex<Vec<T>>, slot: u16) -> Result<(), PlayerError> {

@@ -3,11 +3,13 @@
 
 mod standin;
 
+use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
+use bagpipe_ros2ledger::Kind;
 use bagpipe_ros2player::{GraphPublisher, Player, PlayerError, PlayerOptions};
 use standin::{
     ALL, Graph, LONG, RELIABLE, built, eventually, match_own, message, publish, threads_are,
@@ -57,7 +59,7 @@ fn the_graph_has_nodes_of_other_processes_with_their_topics() {
         );
         let _bare = graph.node(&["--name", "/bare"]);
         let player = graph.player();
-        player.advertise("/in", "sensor_msgs/Imu", &RELIABLE).unwrap();
+        let publisher = player.advertise("/in", "sensor_msgs/Imu", &RELIABLE).unwrap();
         let of = |name: &str| player.graph().unwrap().into_iter().find(|node| node.name == name);
         eventually(|| of("/ns/relay").is_some_and(|node| node.publishes.len() == 1));
         eventually(|| of("/ns/relay").is_some_and(|node| node.subscribes.len() == 1));
@@ -68,13 +70,17 @@ fn the_graph_has_nodes_of_other_processes_with_their_topics() {
         assert_eq!(of("/bare").unwrap().publishes, []);
         let own = of("/bagpipe/player").unwrap();
         assert_eq!(own.publishes, [("/in".into(), "sensor_msgs/msg/Imu".into())]);
-        let one = |node: &str, datatype: &str| GraphPublisher {
+        let listed = || graph.endpoint(Kind::Publisher, "/out").gid;
+        let one = |node: &str, datatype: &str, gid: Option<[u8; 16]>| GraphPublisher {
             node: Some(node.to_owned()),
             datatype: datatype.to_owned(),
+            gid,
         };
         let found = |name: &str| player.publishers_of(name).unwrap();
-        assert_eq!(found("/out"), [one("/ns/relay", "std_msgs/msg/String")]);
-        assert_eq!(found("/in"), [one("/bagpipe/player", "sensor_msgs/msg/Imu")]);
+        assert_eq!(found("/out"), [one("/ns/relay", "std_msgs/msg/String", listed())]);
+        let gid = player.gid(publisher);
+        assert_eq!(found("/in"), [one("/bagpipe/player", "sensor_msgs/msg/Imu", gid)]);
+        assert!(gid.is_some() && listed().is_some() && gid != listed());
         assert_eq!(found("/ou"), []);
         // Of two nodes of one name the lists by node show what one of them has.
         let _namesake =
@@ -83,7 +89,9 @@ fn the_graph_has_nodes_of_other_processes_with_their_topics() {
         let mut both = found("/out");
         both.sort_by(|one, other| one.datatype.cmp(&other.datatype));
         let expected = ["sensor_msgs/msg/Imu", "std_msgs/msg/String"];
-        assert_eq!(both, expected.map(|datatype| one("/ns/relay", datatype)));
+        let gids = [both[0].gid, listed()];
+        assert_eq!(both, [0, 1].map(|at| one("/ns/relay", expected[at], gids[at])));
+        assert!(gids[0].is_some() && gids[0] != gids[1]);
         let topics = player.topics_of_graph().unwrap();
         let types = topics.iter().map(|(topic, types)| (topic.as_str(), types.count));
         assert_eq!(types.collect::<Vec<_>>(), [("/in", 1), ("/out", 2)]);
@@ -100,13 +108,18 @@ fn publishers_are_read_from_what_each_distribution_lists_them_in() {
     let player = Player::start(&options).unwrap();
     let names: Vec<String> = (0..9).map(|one| format!("/{one}{}", "x".repeat(one * 20))).collect();
     let topic = "/out:std_msgs/msg/String:1:reliable";
-    let _nodes: Vec<_> =
-        names.iter().map(|name| graph.node(&["--name", name, "--pub", topic])).collect();
+    let _nodes: Vec<_> = names
+        .iter()
+        .zip(["handle", "gid"].iter().cycle())
+        .map(|(name, origins)| graph.node(&["--name", name, "--pub", topic, "--origins", origins]))
+        .collect();
     let found = || player.publishers_of("/out").unwrap();
     eventually(|| found().len() == names.len());
-    let mut nodes: Vec<String> = found().into_iter().filter_map(|one| one.node).collect();
-    nodes.sort();
-    assert_eq!(nodes, names);
+    let found: BTreeMap<_, _> = found().into_iter().map(|one| (one.node, one.gid)).collect();
+    assert!(found.keys().flatten().eq(&names));
+    let listed = graph.ledger.endpoints().unwrap().into_iter().map(|one| (Some(one.node), one.gid));
+    assert_eq!(listed.collect::<BTreeMap<_, _>>(), found);
+    assert!(found.values().all(Option::is_some));
 }
 
 #[test]

@@ -10,7 +10,10 @@ use bagpipe_ros2ledger::{Endpoint, Kind, Strength, Unlisted};
 use bagpipe_ros2player::GraphNode;
 
 use super::Graph;
+use super::types::known_on;
 use crate::error::failed;
+use crate::publishers::unnamed;
+use crate::recording::Input;
 use crate::seen::state;
 use crate::stillness::counted;
 use crate::topic::{Look, PLAYER, Topic, uncounted};
@@ -140,12 +143,28 @@ impl Graph {
         for input in inputs {
             let has = |node: &GraphNode| node.publishes.iter().any(|on| on.0 == input.topic);
             let played = self.topics().iter().any(|topic| topic.info().topic == input.topic);
-            if let Some(listed) = listed(Kind::Publisher, &input.topic, &has).filter(|_| !played) {
-                let matched = || self.means.player.publishers(input.subscription);
-                let more = || matched().unwrap_or_default().saturating_sub(listed);
-                input.unnamed.look(Instant::now(), more);
-            }
+            let by_name = || listed(Kind::Publisher, &input.topic, &has).filter(|_| !played);
+            let more = || self.unnamed_publishers(&input, look, by_name);
+            input.unnamed.look(Instant::now(), more);
         }
+    }
+
+    /// How many publish a recorded topic that neither count nor are named for it; where no GIDs are known, those that are
+    /// matched beyond the listed ones, if all nodes of the topic count.
+    fn unnamed_publishers(
+        &self,
+        input: &Input,
+        look: &Look,
+        listed: impl FnOnce() -> Option<u64>,
+    ) -> u64 {
+        let known = known_on(&input.topic, look);
+        let matched = self.means.player.publishers(input.subscription).unwrap_or_default();
+        // As nearly always; what all publish is not asked of each topic.
+        if matched == known.iter().filter(|one| one.is_there).count() as u64 {
+            return 0;
+        }
+        let by_gid = self.others_on(&input.topic).ok().and_then(|shown| unnamed(&shown, &known));
+        by_gid.unwrap_or_else(|| listed().map_or(0, |listed| matched.saturating_sub(listed)))
     }
 
     /// Of which programs that are no nodes nothing is known.

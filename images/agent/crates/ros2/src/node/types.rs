@@ -1,6 +1,5 @@
 //! As which types the graph has what is recorded.
 
-use std::collections::BTreeMap;
 use std::time::Instant;
 
 use bagpipe_graph::{GraphError, SystemState};
@@ -9,7 +8,8 @@ use bagpipe_ros2player::{GraphPublisher, GraphTypes};
 use super::Graph;
 use super::recorded::published_on;
 use crate::error::failed;
-use crate::other_types::{Counting, Differing, Types, chosen, differing};
+use crate::other_types::{Differing, Types, chosen, differing};
+use crate::publishers::Known;
 use crate::recording::Input;
 use crate::seen::is_of_command_line;
 use crate::topic::Look;
@@ -17,7 +17,7 @@ use crate::unnamed;
 
 impl Graph {
     /// Who else publishes a topic, whether the graph names it or not.
-    fn others_on(&self, topic: &str) -> Result<Vec<GraphPublisher>, GraphError> {
+    pub(super) fn others_on(&self, topic: &str) -> Result<Vec<GraphPublisher>, GraphError> {
         let mut all = self.means.player.publishers_of(topic).map_err(failed)?;
         all.retain(|one| one.node.as_deref() != Some(&self.name));
         Ok(all)
@@ -66,22 +66,12 @@ impl Graph {
             return Differing::default();
         }
         let Ok(others) = self.others_on(&input.topic) else { return Differing::default() };
-        let own = || published_on(&input.topic, &look.endpoints);
-        let mut counting: BTreeMap<&str, Counting> = BTreeMap::new();
-        for one in own().filter(|one| !one.destroyed) {
-            let of = counting.entry(&one.node).or_default();
-            of.listed += 1;
-            of.there += u64::from(look.is_there(one));
-        }
-        let found = differing(&others, recorded, &counting);
+        let found = differing(&others, recorded, &known_on(&input.topic, look));
         for (node, other) in &found.counting {
-            if own().any(|one| one.node == *node && one.counts.published > 0) {
-                input.unrecordable().insert(format!(
-                    "{node} publishes {} as {other}, and it is recorded as {recorded}: a topic has one \
-                     type",
-                    input.topic
-                ));
-            }
+            input.unrecordable().insert(format!(
+                "{node} publishes {} as {other}, and it is recorded as {recorded}: a topic has one type",
+                input.topic
+            ));
         }
         found
     }
@@ -106,4 +96,16 @@ impl Graph {
             std::thread::sleep(unnamed::EVERY);
         }
     }
+}
+
+/// The publishers of a topic that the ledger has.
+pub(super) fn known_on<'e>(topic: &'e str, look: &'e Look) -> Vec<Known<'e>> {
+    let all = published_on(topic, &look.endpoints).map(|one| Known {
+        node: &one.node,
+        gid: one.gid,
+        has_published: one.counts.published > 0,
+        destroyed: one.destroyed,
+        is_there: look.is_there(one),
+    });
+    all.collect()
 }

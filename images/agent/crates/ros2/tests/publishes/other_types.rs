@@ -147,6 +147,30 @@ fn who_is_killed_before_the_play_hides_no_program() {
 }
 
 #[test]
+fn nor_does_who_was_killed_hide_one_of_its_name() {
+    let of_type = |datatype: &str| {
+        let scene = Scene::new();
+        let (killed, scout) = (scene.start("standin_node", &TALKS), scene.graph.player());
+        let publishers = || scout.publishers_of("/talk").unwrap().len();
+        eventually(|| publishers() == 1);
+        drop(killed);
+        eventually(|| publishers() == 0);
+        let _talks = scene.start("standin_node", &TALKS);
+        let _relay = scene.start("standin_node", &RELAY);
+        let talk = format!("/talk:{datatype}:10:reliable");
+        let _namesake =
+            scene.start_uncounted("standin_node", &["--name", "/talks", "--pub", &talk]);
+        await_topic(&scene, "/talk", 2);
+        play(&scene, &["/out", "/talk"], 1000)
+    };
+    let text = missed(of_type("std_msgs/msg/String"));
+    assert!(text.contains(OTHER_TYPE), "{text}");
+    let warnings = of_type("sensor_msgs/msg/Imu").unwrap().playback.warnings.join("; ");
+    let named = "nodes of a name that another has, publish /talk (at least 1)";
+    assert!(warnings.contains(named), "{warnings}");
+}
+
+#[test]
 fn nor_does_who_leaves_in_the_play_hide_whoever_publishes_from_then_on() {
     let namesake: (&str, &[&str]) = ("standin_node", &["--name", "/talks", "--pub", TALK]);
     for scene in [Scene::new(), Scene::on_dds()] {

@@ -27,6 +27,7 @@ fn endpoint(slot: usize, kind: Kind, topic: &str, counts: Counts) -> Endpoint {
         process: process(ALIVE),
         topic: topic.into(),
         node: format!("/{}", topic.trim_start_matches('/')),
+        gid: None,
         qos,
         thread: None,
         destroyed: false,

@@ -313,6 +313,7 @@ static uint32_t add_publishers(const struct lent *publishers, const struct lent 
     answer_text(into, whose.space);
     answer_text(into, whose.name);
     answer_text(into, demangle(one->type_name, type) ? type : one->type_name);
+    answer_gid(into, one->key.v);
     count++;
   }
   return count;

@@ -130,6 +130,15 @@ static size_t length_of_one(const struct endpoint_infos *found, const struct blo
   return whole && one >= sizeof(struct endpoint_info) ? one : 0;
 }
 
+/* NULL of a distribution that is not known. */
+static const uint8_t *gid_of(const struct endpoint_info *one, size_t length) {
+  switch (length) {
+    case ENDPOINT_INFO_HUMBLE: return ((const struct endpoint_info_humble *)one)->gid;
+    case ENDPOINT_INFO_IRON: return ((const struct endpoint_info_iron *)one)->gid;
+    default: return NULL;
+  }
+}
+
 void middleware_topic(const char *topic, struct answer *into) {
   struct blocks blocks = {.listing = true};
   struct allocator noting = {allocate, deallocate, reallocate, zero_allocate, &blocks};
@@ -152,6 +161,7 @@ void middleware_topic(const char *topic, struct answer *into) {
       answer_text(into, one->space == NULL ? "" : one->space);
       answer_text(into, one->node == NULL ? "" : one->node);
       answer_text(into, one->type == NULL ? "" : one->type);
+      answer_gid(into, gid_of(one, length));
     }
   }
   (void)!rcl.rmw_topic_endpoint_info_array_fini(&found, &noting);

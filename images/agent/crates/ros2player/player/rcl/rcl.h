@@ -67,6 +67,20 @@ struct endpoint_infos {
 struct endpoint_info {
   const char *node, *space, *type;
 };
+/* The whole of it, but for its quality of service, by its length: until Humble, and since Iron. */
+#define ENDPOINT_INFO_HUMBLE 144
+#define ENDPOINT_INFO_IRON 168
+struct endpoint_info_humble {
+  struct endpoint_info head;
+  int kind;
+  uint8_t gid[24];
+};
+struct endpoint_info_iron {
+  struct endpoint_info head;
+  uint8_t type_hash[33];
+  int kind;
+  uint8_t gid[16];
+};
 
 /* Result, name, arguments; of guard conditions, the options are an allocator and nothing else. */
 #define RCL_FUNCTIONS(X)                                                                           \
