@@ -96,7 +96,9 @@ static struct rmw_endpoint *create(const struct rmw_node *node, const struct typ
   if (reads) made->condition = dds_create_readcondition(made->entity, DDS_ANY_STATE);
   if (reads) watch_liveliness(made->entity);
   struct rmw_endpoint *endpoint = calloc(1, sizeof *endpoint);
-  endpoint->implementation = is_set(ORIGINS, "gid") ? "rmw_fastrtps_cpp" : IDENTIFIER;
+  endpoint->implementation = is_set(ORIGINS, "gid")    ? "rmw_fastrtps_cpp"
+                             : is_set(ORIGINS, "none") ? "rmw_standin"
+                                                       : IDENTIFIER;
   endpoint->data = made;
   endpoint->topic = strdup(topic);
   return endpoint;

@@ -201,6 +201,10 @@ mod tests {
         let counting = [known("/a"), Known { is_there: false, ..known("/a") }];
         let found = differing(&shown(&[("/a", "A"), ("", "B")]), "A", &counting);
         assert_eq!(named(found), none(1));
+        // Nor one of its name who has destroyed it.
+        let counting = [known("/a"), Known { destroyed: true, ..counting[1] }];
+        let found = differing(&shown(&[("/a", "A"), ("/a", "B")]), "A", &counting);
+        assert_eq!(named(found), none(1));
     }
 
     #[test]
@@ -219,7 +223,11 @@ mod tests {
         (1..).zip(&mut graph).for_each(|(number, one)| one.gid = gid(number));
         // A killed one of a name makes no room for another, and one without a name may count.
         let killed = Known { gid: gid(9), is_there: false, ..known("/a") };
-        let ledger = [Known { gid: gid(1), ..known("/a") }, Known { gid: gid(3), ..known("/d") }];
+        // Nor is one another that is destroyed and that the graph still has.
+        let ledger = [
+            Known { gid: gid(1), ..known("/a") },
+            Known { gid: gid(3), destroyed: true, ..known("/d") },
+        ];
         let [first, second] = ledger;
         let found = differing(&graph, "A", &[first, second, killed]);
         assert_eq!(found.types, BTreeSet::from(["B".to_owned(), "D".to_owned()]));

@@ -29,14 +29,16 @@ pub(crate) fn by_gid<'k, 'e>(
     all.then(|| shown.iter().map(owner).collect())
 }
 
-/// How many do not count, and are not named for it: programs that are no nodes, and nodes of a name that one has
-/// that counts. `None` if a GID is not known.
-pub(crate) fn unnamed(shown: &[GraphPublisher], known: &[Known<'_>]) -> Option<u64> {
+/// How many do not count, beside the nodes that are `named` for it: programs that are no nodes, and nodes of a name
+/// that another has, by which the graph does not show them. `None` if a GID is not known.
+pub(crate) fn unnamed(
+    shown: &[GraphPublisher],
+    known: &[Known<'_>],
+    named: &[String],
+) -> Option<u64> {
     let owners = by_gid(shown, known)?;
-    let is_hidden = |one: &GraphPublisher| {
-        one.node.as_deref().is_none_or(|node| known.iter().any(|known| known.node == node))
-    };
     let strangers = shown.iter().zip(owners).filter(|(_, owner)| owner.is_none());
+    let is_hidden = |one: &GraphPublisher| !one.node.as_ref().is_some_and(|of| named.contains(of));
     Some(strangers.filter(|(one, _)| is_hidden(one)).count() as u64)
 }
 
@@ -75,20 +77,22 @@ mod tests {
         assert!(by_gid(&[shown("/a", Some(1))], &with).is_some());
         assert!(by_gid(&[shown("/a", Some(1))], &without).is_none());
         assert!(by_gid(&[shown("/a", Some(1)), shown("/b", None)], &with).is_none());
-        assert_eq!(unnamed(&[shown("", Some(2))], &without), None);
+        assert_eq!(unnamed(&[shown("", Some(2))], &without, &[]), None);
     }
 
     #[test]
-    fn hidden_are_programs_and_nodes_of_a_name_that_counts() {
-        let ledger = [known("/a", Some(1)), known("/a", Some(2))];
-        let hidden = |all: &[(&str, u8)]| {
+    fn hidden_are_programs_and_nodes_that_the_graph_does_not_show_by_their_names() {
+        let gone = Known { destroyed: true, is_there: false, ..known("/a", Some(2)) };
+        let (ledger, named) = ([known("/a", Some(1)), gone], ["/b".to_owned()]);
+        let hidden = |all: &[(&str, u8)], ledger: &[Known<'_>]| {
             let graph: Vec<_> = all.iter().map(|(node, gid)| shown(node, Some(*gid))).collect();
-            unnamed(&graph, &ledger)
+            unnamed(&graph, ledger, &named)
         };
-        assert_eq!(hidden(&[]), Some(0));
-        assert_eq!(hidden(&[("/a", 1), ("", 2)]), Some(0));
-        // Who is named by the graph and counts nowhere is reported by that name.
-        assert_eq!(hidden(&[("/a", 1), ("/b", 3)]), Some(0));
-        assert_eq!(hidden(&[("/a", 3), ("", 4), ("", 5), ("/b", 6)]), Some(3));
+        assert_eq!(hidden(&[], &ledger), Some(0));
+        assert_eq!(hidden(&[("/a", 1), ("", 2)], &ledger), Some(0));
+        assert_eq!(hidden(&[("/a", 1), ("/b", 3)], &ledger), Some(0));
+        assert_eq!(hidden(&[("/a", 3), ("", 4), ("", 5), ("/b", 6)], &ledger), Some(3));
+        // Of two of a name the graph may show what the other has.
+        assert_eq!(hidden(&[("/a", 3)], &[]), Some(1));
     }
 }

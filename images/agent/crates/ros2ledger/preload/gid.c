@@ -1,5 +1,6 @@
 #include "gid.h"
 
+#include <stdatomic.h>
 #include <stddef.h>
 #include <string.h>
 
@@ -25,15 +26,22 @@ static bool is_of_graph(const char *implementation) {
 
 /* In Cyclone DDS rmw's is a number of this process, and the graph has the GUID. */
 static bool guid_in_cyclone(const struct endpoint_head *publisher, uint8_t gid[GID_BYTES]) {
+  static get_guid *_Atomic getter;
   int32_t entity;
-  get_guid *get = (get_guid *)cyclone_function("dds_get_guid");
+  get_guid *get = atomic_load(&getter);
+  if (get == NULL) atomic_store(&getter, get = (get_guid *)cyclone_function("dds_get_guid"));
   return get != NULL && cyclone_entity(publisher, &entity) && get(entity, gid) == 0;
 }
 
 bool gid_of_publisher(const struct endpoint_head *publisher, uint8_t gid[GID_BYTES]) {
   if (is_cyclone(publisher->implementation)) return guid_in_cyclone(publisher, gid);
   if (!is_of_graph(publisher->implementation)) return false;
-  get_gid *get = (get_gid *)next_function("rmw_get_gid_for_publisher", "librmw_implementation.so");
+  static get_gid *_Atomic getter;
+  get_gid *get = atomic_load(&getter);
+  if (get == NULL) {
+    get = (get_gid *)next_function("rmw_get_gid_for_publisher", "librmw_implementation.so");
+    atomic_store(&getter, get);
+  }
   struct gid found;
   if (get == NULL || get(publisher, &found) != 0) return false;
   memcpy(gid, found.bytes, GID_BYTES);

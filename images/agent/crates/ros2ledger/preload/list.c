@@ -153,6 +153,8 @@ static bool list(struct ledger *ledger, uint32_t owner, const struct creation *o
   /* Without room for it, it is not seen when nothing is left to take, and nothing is miscounted. */
   const void *data = of->address->data;
   if (known && of->kind == KIND_SUBSCRIPTION && data != NULL) address_put(data, slot);
+  /* Nor is it one of those that count by its number. */
+  if (!known) endpoint->gid[0] = endpoint->gid[1] = 0;
   uint32_t phase = known ? PHASE_LIVE : PHASE_DESTROYED;
   atomic_store(&endpoint->state, phase | owner << LEDGER_OWNER_SHIFT);
   atomic_fetch_add(&ledger->header.listings, 1);

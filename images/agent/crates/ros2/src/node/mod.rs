@@ -134,7 +134,7 @@ impl Graph {
             self.compare(input, handed, &look);
             self.look_for_other_types(input, &types, &look);
         }
-        self.look_for_unnamed(&nodes, &look);
+        self.look_for_unnamed(&nodes, &types, &look);
         self.look_for_unmet(&look);
         subscribed?;
         Ok(Seen { state, again: 0 })

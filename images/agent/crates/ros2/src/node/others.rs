@@ -12,6 +12,7 @@ use bagpipe_ros2player::GraphNode;
 use super::Graph;
 use super::types::known_on;
 use crate::error::failed;
+use crate::other_types::Types;
 use crate::publishers::unnamed;
 use crate::recording::Input;
 use crate::seen::state;
@@ -121,7 +122,7 @@ impl Graph {
     }
 
     /// Takes in how many programs are matched that are no nodes, at the topics of which all nodes count.
-    pub(super) fn look_for_unnamed(&self, nodes: &[GraphNode], look: &Look) {
+    pub(super) fn look_for_unnamed(&self, nodes: &[GraphNode], types: &Types, look: &Look) {
         let others = || nodes.iter().filter(|node| node.name != self.name);
         // Of the endpoints, also those of processes that have ended, which are matched for a while.
         let listed = |kind: Kind, topic: &str, has: &dyn Fn(&GraphNode) -> bool| {
@@ -144,7 +145,7 @@ impl Graph {
             let has = |node: &GraphNode| node.publishes.iter().any(|on| on.0 == input.topic);
             let played = self.topics().iter().any(|topic| topic.info().topic == input.topic);
             let by_name = || listed(Kind::Publisher, &input.topic, &has).filter(|_| !played);
-            let more = || self.unnamed_publishers(&input, look, by_name);
+            let more = || self.unnamed_publishers(&input, types, look, by_name);
             input.unnamed.look(Instant::now(), more);
         }
     }
@@ -154,16 +155,24 @@ impl Graph {
     fn unnamed_publishers(
         &self,
         input: &Input,
+        types: &Types,
         look: &Look,
         listed: impl FnOnce() -> Option<u64>,
     ) -> u64 {
-        let known = known_on(&input.topic, look);
+        let there = look.there(Kind::Publisher, &input.topic).count() as u64;
         let matched = self.means.player.publishers(input.subscription).unwrap_or_default();
+        let of_one_type = types.get(&input.topic).is_none_or(|of| of.count < 2);
         // As nearly always; what all publish is not asked of each topic.
-        if matched == known.iter().filter(|one| one.is_there).count() as u64 {
+        if matched == there && of_one_type {
             return 0;
         }
-        let by_gid = self.others_on(&input.topic).ok().and_then(|shown| unnamed(&shown, &known));
+        let Ok(shown) = self.others_on(&input.topic) else { return 0 };
+        let judge = |look: &Look| {
+            let others = input.others.lock().unwrap_or_else(PoisonError::into_inner);
+            let named = uncounted(&input.topic, &others, &look.endpoints);
+            unnamed(&shown, &known_on(&input.topic, look), &named)
+        };
+        let by_gid = self.judged(look, judge, |many| many.is_some_and(|many| many > 0));
         by_gid.unwrap_or_else(|| listed().map_or(0, |listed| matched.saturating_sub(listed)))
     }
 

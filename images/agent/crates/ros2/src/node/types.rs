@@ -66,7 +66,8 @@ impl Graph {
             return Differing::default();
         }
         let Ok(others) = self.others_on(&input.topic) else { return Differing::default() };
-        let found = differing(&others, recorded, &known_on(&input.topic, look));
+        let judge = |look: &Look| differing(&others, recorded, &known_on(&input.topic, look));
+        let found = self.judged(look, judge, |found| found.uncounted > 0);
         for (node, other) in &found.counting {
             input.unrecordable().insert(format!(
                 "{node} publishes {} as {other}, and it is recorded as {recorded}: a topic has one type",
@@ -74,6 +75,22 @@ impl Graph {
             ));
         }
         found
+    }
+
+    /// What comes of a look at the ledger; of a later one where that has strangers: who was created between the ledger's
+    /// look and the graph's is in the later one alone.
+    pub(super) fn judged<F>(
+        &self,
+        look: &Look,
+        judge: impl Fn(&Look) -> F,
+        has_strangers: impl FnOnce(&F) -> bool,
+    ) -> F {
+        let found = judge(look);
+        if !has_strangers(&found) {
+            return found;
+        }
+        // A ledger that can't be read fails the next look.
+        Look::at(self.ledger()).map_or(found, |later| judge(&later))
     }
 
     /// Takes in once more who publishes what is recorded as another type: a play may be shorter than the looks that it

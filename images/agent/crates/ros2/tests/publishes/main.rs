@@ -14,6 +14,7 @@ mod stopped;
 mod strangers;
 mod unclear;
 mod unmatched;
+mod unnamed;
 mod whole;
 
 use std::time::Duration;

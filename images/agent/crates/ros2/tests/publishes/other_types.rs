@@ -10,18 +10,19 @@ use bagpipe_ros2player::GraphPublisher;
 use crate::scene::{Ask, DEFAULT, MS, RELAY, Scene, recorded, recording};
 use crate::standin::{Node, eventually};
 
-const TALK: &str = "/talk:std_msgs/msg/String:1000:reliable";
+pub(crate) const TALK: &str = "/talk:std_msgs/msg/String:1000:reliable";
 /// A node for which /talk is of another type.
 const READS: [&str; 4] = ["--name", "/reads", "--sub", TALK];
 
 /// A node that publishes /talk, and counts.
-const TALKS: [&str; 4] = ["--name", "/talks", "--pub", "/talk:sensor_msgs/msg/Imu:10:reliable"];
+pub(crate) const TALKS: [&str; 4] =
+    ["--name", "/talks", "--pub", "/talk:sensor_msgs/msg/Imu:10:reliable"];
 /// A program that publishes it as another type, and nothing ever comes for it to pass on.
 const PROGRAM: [&str; 3] = ["/other", "/talk", "std_msgs/String"];
 const REALTIME: Ask<'static> =
     Ask { mode: Mode::Realtime, drain: Duration::from_secs(1), ..DEFAULT };
 
-fn play(scene: &Scene, record: &[&str], messages: u64) -> Result<Replayed, ReplayError> {
+pub(crate) fn play(scene: &Scene, record: &[&str], messages: u64) -> Result<Replayed, ReplayError> {
     play_while(scene, record, messages, |_| ())
 }
 
@@ -35,7 +36,7 @@ fn play_while(
 }
 
 /// Waits until a topic has so many publishers.
-fn await_topic(scene: &Scene, topic: &str, publishers: usize) {
+pub(crate) fn await_topic(scene: &Scene, topic: &str, publishers: usize) {
     let scout = scene.graph.player();
     eventually(|| scout.publishers_of(topic).unwrap().len() == publishers);
 }

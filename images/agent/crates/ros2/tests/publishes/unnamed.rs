@@ -1,0 +1,52 @@
+//! Who publishes what is recorded and does not count, where the graph has no name of it or one that another has.
+
+use crate::other_types::{TALK, TALKS, await_topic, play};
+use crate::scene::{RELAY, Scene};
+
+/// What warns of those that publish /talk and do not count, where it is recorded as Imu.
+fn warnings_of(scene: &Scene) -> String {
+    let _relay = scene.start("standin_node", &RELAY);
+    let replayed = play(scene, &["/out", "/talk"], 1000).unwrap();
+    let all = replayed.playback.warnings.into_iter();
+    all.filter(|warning| warning.contains(" publish") && warning.contains("/talk")).collect()
+}
+
+#[test]
+fn a_namesake_that_counts_and_publishes_something_else_hides_nobody() {
+    for counts_first in [true, false] {
+        let scene = Scene::new();
+        let other = ["--name", "/talks", "--pub", "/other:sensor_msgs/msg/Imu:10:reliable"];
+        let first = counts_first.then(|| scene.start("standin_node", &other));
+        let _namesake = scene.start_uncounted("standin_node", &TALKS);
+        await_topic(&scene, "/talk", 1);
+        let _second = first.is_none().then(|| scene.start("standin_node", &other));
+        await_topic(&scene, "/other", 1);
+        // The graph's lists by node show what one of them has.
+        assert!(!warnings_of(&scene).is_empty());
+    }
+}
+
+#[test]
+fn who_counts_and_publishes_another_type_hides_nobody() {
+    let scene = Scene::new();
+    let _talks = scene.start("standin_node", &TALKS);
+    let _silent = scene.start("standin_node", &["--name", "/silent", "--pub", TALK]);
+    let words = ["/other", "/talk", "sensor_msgs/Imu"];
+    let _program = scene.start_uncounted("dds_relay", &words);
+    await_topic(&scene, "/talk", 3);
+    let warnings = warnings_of(&scene);
+    assert!(warnings.contains("publish /talk (at least 1)"), "{warnings}");
+}
+
+#[test]
+fn where_no_gids_are_known_a_program_is_one_more_than_count() {
+    for program in [true, false] {
+        let scene = Scene::new();
+        let talks = [&TALKS[..], &["--origins", "none"]].concat();
+        let _talks = scene.start("standin_node", &talks);
+        let words = ["/other", "/talk", "sensor_msgs/Imu"];
+        let _program = program.then(|| scene.start_uncounted("dds_relay", &words));
+        await_topic(&scene, "/talk", 1 + usize::from(program));
+        assert_eq!(warnings_of(&scene).contains("publish /talk (at least 1)"), program);
+    }
+}
