@@ -1,7 +1,7 @@
 //! Who publishes what is recorded and does not count, where the graph has no name of it or one that another has.
 
 use crate::other_types::{TALK, TALKS, await_topic, play};
-use crate::scene::{RELAY, Scene};
+use crate::scene::{RELAY, Scene, recorded};
 
 /// What warns of those that publish /talk and do not count, where it is recorded as Imu.
 fn warnings_of(scene: &Scene) -> String {
@@ -49,4 +49,17 @@ fn where_no_gids_are_known_a_program_is_one_more_than_count() {
         await_topic(&scene, "/talk", 1 + usize::from(program));
         assert_eq!(warnings_of(&scene).contains("publish /talk (at least 1)"), program);
     }
+}
+
+#[test]
+fn what_a_command_line_publishes_is_found_by_no_pattern() {
+    let scene = Scene::new();
+    let topic = "/typed:std_msgs/msg/String:1000:reliable";
+    let words = ["--name", "/_ros2cli_7", "--pub", topic, "--burst", "100000"];
+    let words = [&words[..], &["--every-us", "10000"]].concat();
+    let _command_line = scene.start_uncounted("standin_node", &words);
+    let _relay = scene.start("standin_node", &RELAY);
+    await_topic(&scene, "/typed", 1);
+    let replayed = play(&scene, &["/.*"], 1000).unwrap();
+    assert!(recorded(&replayed).iter().all(|one| one.0 == "/out"));
 }
