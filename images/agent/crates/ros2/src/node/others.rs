@@ -10,7 +10,7 @@ use bagpipe_ros2ledger::{Endpoint, Kind, Strength, Unlisted};
 use bagpipe_ros2player::GraphNode;
 
 use super::Graph;
-use super::types::known_on;
+use super::recorded::known_on;
 use crate::error::failed;
 use crate::other_types::Types;
 use crate::publishers::unnamed;

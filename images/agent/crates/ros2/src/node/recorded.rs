@@ -14,6 +14,7 @@ use crate::clock::source_now;
 use crate::definition::{installed, schema_encoding};
 use crate::error::failed;
 use crate::other_types::Types;
+use crate::publishers::Known;
 use crate::recording::Input;
 use crate::topic::{Look, uncounted};
 use crate::unmet::{Begun, Ended};
@@ -277,4 +278,16 @@ pub(super) fn published_on<'e>(
     endpoints: &'e [Endpoint],
 ) -> impl Iterator<Item = &'e Endpoint> {
     endpoints.iter().filter(move |one| one.kind == Kind::Publisher && one.topic == topic)
+}
+
+/// The publishers of a topic that the ledger has.
+pub(super) fn known_on<'e>(topic: &'e str, look: &'e Look) -> Vec<Known<'e>> {
+    let all = published_on(topic, &look.endpoints).map(|one| Known {
+        node: &one.node,
+        gid: one.gid,
+        has_published: one.counts.published > 0,
+        destroyed: one.destroyed,
+        is_there: look.is_there(one),
+    });
+    all.collect()
 }

@@ -6,10 +6,9 @@ use bagpipe_graph::{GraphError, SystemState};
 use bagpipe_ros2player::{GraphPublisher, GraphTypes};
 
 use super::Graph;
-use super::recorded::published_on;
+use super::recorded::known_on;
 use crate::error::failed;
 use crate::other_types::{Differing, Types, chosen, differing};
-use crate::publishers::Known;
 use crate::recording::Input;
 use crate::seen::is_of_command_line;
 use crate::topic::Look;
@@ -113,16 +112,4 @@ impl Graph {
             std::thread::sleep(unnamed::EVERY);
         }
     }
-}
-
-/// The publishers of a topic that the ledger has.
-pub(super) fn known_on<'e>(topic: &'e str, look: &'e Look) -> Vec<Known<'e>> {
-    let all = published_on(topic, &look.endpoints).map(|one| Known {
-        node: &one.node,
-        gid: one.gid,
-        has_published: one.counts.published > 0,
-        destroyed: one.destroyed,
-        is_there: look.is_there(one),
-    });
-    all.collect()
 }
