@@ -4,10 +4,12 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 use super::*;
 
-/// A connection over loopback: ours, and the subscriber's.
+/// A connection over loopback: ours, and the subscriber's. What the kernel keeps for that one would grow with what it
+/// reads, on some machines to more than a large message.
 fn connection() -> (TcpStream, TcpStream) {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let theirs = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
+    rustix::net::sockopt::set_socket_recv_buffer_size(&theirs, 1 << 20).unwrap();
     (listener.accept().unwrap().0, theirs)
 }
 
