@@ -125,6 +125,25 @@ fn publishers_are_read_from_what_each_distribution_lists_them_in() {
 }
 
 #[test]
+fn who_leaves_is_in_nobody_s_graph_any_more() {
+    let graph = Graph::new();
+    let scout = graph.player();
+    let there = || scout.publishers_of("/in").unwrap().len();
+    for of in [&graph, &graph.with_player_on_dds()] {
+        for _ in 0..10 {
+            let player = of.player();
+            player.advertise("/in", "sensor_msgs/Imu", &RELIABLE).unwrap();
+            eventually(|| there() == 1);
+            drop(player);
+            let left = Instant::now();
+            eventually(|| there() == 0);
+            // Who leaves without a message is there for its lease, of ten seconds.
+            assert!(left.elapsed() < Duration::from_secs(8));
+        }
+    }
+}
+
+#[test]
 fn two_domains_never_meet() {
     let (here, there) = (Graph::new(), Graph::new());
     let (from, to) = (here.player(), there.player());

@@ -225,7 +225,7 @@ fn who_leaves_before_the_play_is_not_missed() {
     await_topic(&scene, "/talk", 2);
     let ask = Ask { lead_in: 3000 * MS, record: &["/out", "/talk"], ..REALTIME };
     let played = scene.play_while(&recording(&["/in"], 4000, 100), &ask, &mut |progress| {
-        // Whom the player does not know yet is in its graph for ten seconds longer if it leaves then.
+        // Whose messages arrive has been seen by the player, too.
         let all = || scene.ledger.endpoints().unwrap();
         let is_known = || all().iter().any(|one| one.topic == "/talk" && one.counts.taken > 0);
         if progress.stage == Stage::LeadIn && is_known() {

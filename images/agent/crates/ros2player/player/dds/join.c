@@ -20,6 +20,7 @@ static const char settings[] =
 #define MOST_DOMAIN 232 /* of which there are ports */
 
 dds_entity_t participant;
+static dds_entity_t own_domain;
 
 bool answer_dds(struct answer *into, const char *function, dds_return_t failed) {
   answer_call(into, function, failed, dds_strretcode(failed));
@@ -54,8 +55,9 @@ bool middleware_join(const char *name, const char *space, struct answer *into) {
     answer_failed(into, STATUS_REQUEST, "ROS_DOMAIN_ID is no number from 0 to 232");
     return false;
   }
-  dds_entity_t made = make_domain(domain);
-  if (made < 0) return answer_dds(into, "dds_create_domain (with CYCLONEDDS_URI)", made);
+  own_domain = make_domain(domain);
+  if (own_domain < 0)
+    return answer_dds(into, "dds_create_domain (with CYCLONEDDS_URI)", own_domain);
   /* As nodes of ROS 2 announced their names before Foxy: it needs no type that changed since. */
   char text[1024];
   int length = snprintf(text, sizeof text, "name=%.400s;namespace=%.400s;", name, space);
@@ -73,6 +75,8 @@ void node_state(uint32_t number, const char *name, struct answer *into) {
   answer_failed(into, STATUS_REQUEST, "on DDS alone no service is called");
 }
 
+/* With all that is in it. A participant alone is deleted by another thread: the program might end before, and
+ * all others had it in their graphs for its lease, of ten seconds. */
 void middleware_leave(void) {
-  if (participant > 0) dds_delete(participant);
+  if (own_domain > 0) dds_delete(own_domain);
 }
