@@ -78,9 +78,9 @@ fn by_name(shown: &[GraphPublisher], recorded: &str, known: &[Known<'_>]) -> Dif
 }
 
 /// The type that a topic is recorded as, of those of its publishers but our own: a node's before another's.
-pub(crate) fn chosen(publishers: Vec<GraphPublisher>) -> Option<String> {
-    let first = publishers.into_iter().min_by_key(|one| (one.node.is_none(), one.datatype.clone()));
-    first.map(|one| one.datatype)
+pub(crate) fn chosen(publishers: &[GraphPublisher]) -> Option<&str> {
+    let first = publishers.iter().min_by_key(|one| (one.node.is_none(), &one.datatype));
+    first.map(|one| &*one.datatype)
 }
 
 /// Those of a recorded topic that do not count, during a play.
@@ -238,7 +238,7 @@ mod tests {
 
     #[test]
     fn a_node_s_type_is_recorded_before_a_program_s() {
-        let of = |publishers: &[(&str, &str)]| chosen(shown(publishers));
+        let of = |publishers: &[(&str, &str)]| chosen(&shown(publishers)).map(str::to_owned);
         assert_eq!(of(&[]), None);
         assert_eq!(of(&[("", "A"), ("/a", "C"), ("/b", "B")]).as_deref(), Some("B"));
         assert_eq!(of(&[("", "B"), ("", "A")]).as_deref(), Some("A"));

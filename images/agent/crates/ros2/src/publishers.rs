@@ -29,6 +29,14 @@ pub(crate) fn by_gid<'k, 'e>(
     all.then(|| shown.iter().map(owner).collect())
 }
 
+/// Whether the ledger has each that the graph shows, by their number where a GID is not known.
+pub(crate) fn are_listed(shown: &[GraphPublisher], known: &[Known<'_>]) -> bool {
+    match by_gid(shown, known) {
+        Some(owners) => owners.iter().all(Option::is_some),
+        None => shown.len() <= known.len(),
+    }
+}
+
 /// How many do not count, beside the nodes that are `named` for it: programs that are no nodes, and nodes of a name
 /// that another has, by which the graph does not show them. `None` if a GID is not known.
 pub(crate) fn unnamed(
@@ -69,6 +77,19 @@ mod tests {
         let owners = by_gid(&graph, &ledger).unwrap_or_default();
         let nodes: Vec<_> = owners.iter().map(|owner| owner.map(|known| known.node)).collect();
         assert_eq!(nodes, [Some("/a"), None]);
+    }
+
+    #[test]
+    fn who_is_listed_is_known_by_gids_or_else_by_their_number() {
+        let graph = [shown("/a", Some(1)), shown("/b", Some(2))];
+        let (one, other, third) =
+            (known("/a", Some(1)), known("/b", Some(2)), known("/c", Some(3)));
+        assert!(are_listed(&graph, &[one, third, other]));
+        assert!(!are_listed(&graph, &[one, third]));
+        let unknown = Known { gid: None, ..third };
+        assert!(are_listed(&graph, &[one, unknown]));
+        assert!(!are_listed(&graph, &[unknown]));
+        assert!(are_listed(&[], &[]));
     }
 
     #[test]

@@ -19,11 +19,11 @@ use crate::seen::state;
 use crate::stillness::counted;
 use crate::topic::{Look, PLAYER, Topic, uncounted};
 
-/// How long a subscription may be in the graph before its process has listed it: a moment, unless that
+/// How long an endpoint may be in the graph before its process has listed it: a moment, unless that
 /// gets no processor just then.
-const UNLISTED: Duration = Duration::from_millis(500);
+pub(super) const UNLISTED: Duration = Duration::from_millis(500);
 /// How often it is looked for meanwhile.
-const AGAIN: Duration = Duration::from_millis(5);
+pub(super) const AGAIN: Duration = Duration::from_millis(5);
 
 /// Who else is there at a moment.
 pub(super) struct Around {

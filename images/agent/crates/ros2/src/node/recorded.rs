@@ -6,15 +6,16 @@ use std::time::{Duration, Instant};
 
 use bagpipe_graph::{GraphError, Node, Publication, Publisher};
 use bagpipe_ros2ledger::{Endpoint, EndpointId, Kind};
-use bagpipe_ros2player::Qos;
+use bagpipe_ros2player::{GraphPublisher, Qos};
 
 use super::Graph;
+use super::others::{AGAIN, UNLISTED};
 use crate::account::Publishes;
 use crate::clock::source_now;
 use crate::definition::{installed, schema_encoding};
 use crate::error::failed;
-use crate::other_types::Types;
-use crate::publishers::Known;
+use crate::other_types::{Types, chosen};
+use crate::publishers::{Known, are_listed};
 use crate::recording::Input;
 use crate::topic::{Look, uncounted};
 use crate::unmet::{Begun, Ended};
@@ -36,9 +37,9 @@ impl Graph {
         endpoints: &[Endpoint],
     ) -> Result<(), GraphError> {
         let wanted: Vec<String> = self.wanted().iter().cloned().collect();
-        let mut all = Ok(());
+        let (mut all, mut patience) = (Ok(()), UNLISTED);
         for topic in wanted.into_iter().filter(|topic| types.contains_key(topic)) {
-            match self.subscribe_as_published(&topic, endpoints) {
+            match self.subscribe_as_published(&topic, &mut patience) {
                 Ok(false) => {}
                 Ok(true) => drop(self.wanted().remove(&topic)),
                 Err(error) => {
@@ -58,10 +59,12 @@ impl Graph {
     fn subscribe_as_published(
         &self,
         topic: &str,
-        endpoints: &[Endpoint],
+        patience: &mut Duration,
     ) -> Result<bool, GraphError> {
-        let Some(datatype) = self.type_of(topic)? else { return Ok(false) };
-        let all: Vec<&Endpoint> = published_on(topic, endpoints).collect();
+        let shown = self.others_on(topic)?;
+        let Some(datatype) = chosen(&shown).map(str::to_owned) else { return Ok(false) };
+        let look = self.look_behind(topic, &shown, patience)?;
+        let all: Vec<&Endpoint> = published_on(topic, &look.endpoints).collect();
         let wanted = qos::recorded(all.iter().map(|one| &one.qos));
         let names: BTreeSet<&String> = all.iter().map(|one| &one.node).collect();
         let node = match names.into_iter().collect::<Vec<_>>()[..] {
@@ -72,6 +75,24 @@ impl Graph {
         let subscription = self.means.player.listen(topic, &datatype, &wanted).map_err(failed)?;
         self.inputs.add(topic, (subscription, wanted), publisher);
         Ok(true)
+    }
+
+    /// The ledger, read after the graph: who creates a publisher lists it a moment later, and a recording introduces it by
+    /// what is listed. Who does not count is waited for until `patience` is over.
+    fn look_behind(
+        &self,
+        topic: &str,
+        shown: &[GraphPublisher],
+        patience: &mut Duration,
+    ) -> Result<Look, GraphError> {
+        loop {
+            let look = Look::at(self.ledger()).map_err(failed)?;
+            if patience.is_zero() || are_listed(shown, &known_on(topic, &look)) {
+                return Ok(look);
+            }
+            std::thread::sleep(AGAIN);
+            *patience = patience.saturating_sub(AGAIN);
+        }
     }
 
     /// How a recording introduces who publishes a topic.

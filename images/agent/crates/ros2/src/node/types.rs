@@ -8,7 +8,7 @@ use bagpipe_ros2player::{GraphPublisher, GraphTypes};
 use super::Graph;
 use super::recorded::known_on;
 use crate::error::failed;
-use crate::other_types::{Differing, Types, chosen, differing};
+use crate::other_types::{Differing, Types, differing};
 use crate::recording::Input;
 use crate::seen::is_of_command_line;
 use crate::topic::Look;
@@ -20,11 +20,6 @@ impl Graph {
         let mut all = self.means.player.publishers_of(topic).map_err(failed)?;
         all.retain(|one| one.node.as_deref() != Some(&self.name));
         Ok(all)
-    }
-
-    /// The type that a topic is to be recorded as.
-    pub(super) fn type_of(&self, topic: &str) -> Result<Option<String>, GraphError> {
-        Ok(chosen(self.others_on(topic)?))
     }
 
     /// The topics that others publish and that have no publisher in this state; but for those of the command line.
