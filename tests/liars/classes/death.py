@@ -159,7 +159,7 @@ LIARS = [
         SOME_LIVE,
         _death("leaves-the-graph"),
         "failed",
-        # Its process is there, so that the ledger may be the first to miss it: 12 of 50 on a busy machine.
+        # Its process is there, so that the ledger may be the first to miss it (12 of 50 poses).
         says=("/localiser",),
     ),
     Row(
