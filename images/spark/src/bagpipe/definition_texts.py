@@ -15,7 +15,7 @@ from bagpipe.definitions import full_name
 _INTEGERS = tuple(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))
 _OF_ROS_1 = frozenset((*_INTEGERS, "bool", "byte", "char", "float32", "float64", "string"))
 _SECTION = re.compile(r"={80}\n(?:MSG: ([\w/]+)[ \t]*\n)?")
-_CONSTANT = re.compile(r"^[ \t]*(\w+)[ \t]+(\w+)[ \t]*=(.*)$", re.MULTILINE)
+_CONSTANT = re.compile(r"^[ \t]*\w+[ \t]+(\w+)[ \t]*=(.*)$", re.MULTILINE)
 _QUOTED = re.compile(r"""(["'])((?:(?!\1)[^\\])*)\1""")
 
 # By their type's name and their own.
@@ -25,9 +25,9 @@ Texts = dict[tuple[str, str], str]
 def constants_in(kind: str, definition: str) -> Texts:
     """What stands behind each constant's sign in a definition in ROS' own form."""
     found: Texts = {}
-    names = [kind, *_SECTION.split(definition)[1::2]]
-    for name, text in zip(names, _SECTION.split(definition)[::2], strict=True):
-        for _, constant, value in _CONSTANT.findall(text):
+    kinds_and_texts = [kind, *_SECTION.split(definition)]
+    for name, text in zip(kinds_and_texts[::2], kinds_and_texts[1::2], strict=True):
+        for constant, value in _CONSTANT.findall(text):
             found[full_name(name or ""), constant] = value.strip()
     return found
 

@@ -223,7 +223,7 @@ mod tests {
         (1..).zip(&mut graph).for_each(|(number, one)| one.gid = gid(number));
         // A killed one of a name makes no room for another, and one without a name may count.
         let killed = Known { gid: gid(9), is_there: false, ..known("/a") };
-        // Nor is one another that is destroyed and that the graph still has.
+        // One that is destroyed counts as long as the graph still has it.
         let ledger = [
             Known { gid: gid(1), ..known("/a") },
             Known { gid: gid(3), destroyed: true, ..known("/d") },
