@@ -159,8 +159,8 @@ LIARS = [
         SOME_LIVE,
         _death("leaves-the-graph"),
         "failed",
-        # Its process is there, so that the ledger may be the first to miss it (12 of 50 poses).
-        says=("/localiser",),
+        "NodeGone",
+        ("/localiser",),
     ),
     Row(
         "leaves-the-graph-cpp",
@@ -169,7 +169,18 @@ LIARS = [
         SOME_LIVE,
         cpp("leaves-the-graph"),
         "failed",
-        says=("/localiser",),
+        "NodeGone",
+        ("/localiser",),
+    ),
+    Row(
+        "leaves-quietly",
+        OF,
+        "has a node that only publishes, leaves midway, and ends with status 0 when it is asked to",
+        SOME_LIVE,
+        launched(_death("leaves-quietly"), _death("awaits-the-planner")),
+        "failed",
+        "NodeGone",
+        ("/planner",),
     ),
     Row(
         "hidden-death",

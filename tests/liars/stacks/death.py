@@ -123,6 +123,31 @@ class LeavesTheGraph(Localiser):
         wait(600)
 
 
+class AwaitsThePlanner(Localiser):
+    """Does not subscribe before the one that leaves is in the graph."""
+
+    def begin(self):
+        while not runs_before("up"):
+            wait(0.01)
+
+
+class LeavesQuietly:
+    """A node that only publishes leaves at the first pose; its process ends well when asked to."""
+
+    def __init__(self):
+        rospy.init_node("planner")
+        self.reports = rospy.Publisher("/status", PoseStamped, queue_size=None)
+        signal.signal(signal.SIGINT, lambda *_: os._exit(0))
+        mark("up")
+
+    def serve(self):
+        while not runs_before("ran"):
+            wait(0.01)
+        rospy.signal_shutdown("tired")
+        mark("died")
+        wait(600)
+
+
 class HelperDies(Localiser):
     """What computes for it crashes after half of the poses; it answers on as if nothing was."""
 

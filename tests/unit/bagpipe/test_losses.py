@@ -164,6 +164,46 @@ def test_no_node_can_have_received_more_than_was_sent() -> None:
     )
 
 
+def left(given: dict[str, Any], *nodes: str) -> dict[str, Any]:
+    """The RESULT with nodes that left the graph after the last input."""
+    given["stack"]["left"] = list(nodes)
+    return given
+
+
+@pytest.mark.parametrize("waited", [0.0, 9.0])
+def test_who_left_the_graph_without_all_of_its_messages_is_gone(waited: float) -> None:
+    lossy = (lost(3, waited, "/lossy"), lost(5, waited, "/left"))
+    assert judge(left(result(*lossy), "/left")) == Judgement(
+        "failed",
+        "NodeGone",
+        "the node /left left the graph, while its process lived on, without all of its messages:"
+        " /left processed 45 of 50 messages on /scan, 5 dropped; also lost: /lossy 3 on /scan",
+    )
+
+
+def test_who_left_with_all_of_its_messages_is_not() -> None:
+    right = {"node": "/left", "received": SENT, "dropped": 0, "waited_seconds": 0.0}
+    assert judge(left(result(right), "/left")) == Judgement("passed")
+    assert judge(left(result(lost(3, 0.0), right), "/left")).reason == "MessagesLost"
+
+
+def test_where_losses_are_allowed_a_node_may_leave_after_the_last_input() -> None:
+    policy = FaultPolicy([FaultRule(cause="MessagesLost", action="allow")])
+    assert judge(left(result(lost(3, 0.0)), "/slow"), policy).outcome == "passed"
+
+
+def test_who_may_leave_may_not_lose() -> None:
+    policy = FaultPolicy([FaultRule(cause="NodeGone", action="allow")])
+    judged = judge(left(result(lost(3, 0.0)), "/slow"), policy)
+    assert (judged.outcome, judged.reason) == ("failed", "MessagesLost")
+    assert [allowed.cause for allowed in judged.allowed] == ["NodeGone"]
+
+
+def test_of_a_ledger_that_proves_nothing_no_node_is_gone() -> None:
+    given = result(lost(3, 0.0, "/left"), lost(-1, 0.0, "/liar") | {"dropped": 0})
+    assert judge(left(given, "/left")).reason == "ProtocolError"
+
+
 def test_on_a_calm_machine_a_loss_is_reported_with_the_queue_it_overran() -> None:
     given = result(lost(3, 0.2) | {"queue": 1}, busy=False, message="others had 2 %")
     assert judge(given) == Judgement(

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from bagpipe.engine.losses import by_the_machine, losses, others, why
+from bagpipe.engine.losses import Loss, by_the_machine, losses, others, why
 from bagpipe.faults import FaultPolicy
 from bagpipe.judgement import Judgement, ends, first_that_counts
 
@@ -43,7 +43,11 @@ def judge(
     Ends come first, since a node that has crashed receives nothing more. A loss that is known goes
     before one that is only possible.
     """
-    faults = [*ends(result), *_losses(result, mode, proof.strengths if proof else None)]
+    found = list(losses(result, proof.strengths if proof else None))
+    faults = [*ends(result), *_impossible(found)]
+    if not policy.allows("MessagesLost"):
+        faults += _left_early(result, found)
+    faults += _losses(result, found, mode)
     if proof is not None:
         faults += proof.lacking(result)
     return first_that_counts(faults, policy, _evidence(result))
@@ -61,11 +65,8 @@ def _evidence(result: dict[str, Any]) -> Judgement:
     return Judgement("passed")
 
 
-def _losses(
-    result: dict[str, Any], mode: str, strengths: frozenset[str] | None
-) -> Iterator[Judgement]:
-    """The first figure that can't be, else the first loss of the stack's, else of the machine's."""
-    found = list(losses(result, strengths))
+def _impossible(found: list[Loss]) -> Iterator[Judgement]:
+    """The first figure that can't be."""
     for loss in found:
         if loss.received > loss.sent:
             yield Judgement(
@@ -75,6 +76,28 @@ def _losses(
                 f" {loss.sent} were sent: the ledger proves nothing",
             )
             return
+
+
+def _left_early(result: dict[str, Any], found: list[Loss]) -> Iterator[Judgement]:
+    """The first node that left the graph without all of its messages.
+
+    The graph may have had it until all input was out, since a node that is busy leaves slowly. A
+    job that allows losses allows a node to leave after the last input as any other may.
+    """
+    left = result["stack"].get("left") or []
+    for loss in found:
+        if loss.node in left:
+            yield Judgement(
+                "failed",
+                "NodeGone",
+                f"the node {loss.node} left the graph, while its process lived on, without all of"
+                f" its messages: {loss.sentence}{others(found, loss)}",
+            )
+            return
+
+
+def _losses(result: dict[str, Any], found: list[Loss], mode: str) -> Iterator[Judgement]:
+    """The first loss of the stack's, else of the machine's."""
     for loss in found:
         if not by_the_machine(loss, result, mode):
             yield Judgement(

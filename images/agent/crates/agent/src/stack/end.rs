@@ -30,6 +30,9 @@ pub struct StackEnd {
     pub usage: Option<Usage>,
     /// Every end of a process or node that is evidence, in order of time.
     pub ended: Vec<StackEnded>,
+    /// Nodes that have left the graph since all input was out, while their processes lived on.
+    #[serde(default)]
+    pub left: Vec<String>,
     #[serde(skip)]
     pub pid: i32,
     /// What ended before anything was asked to, in order of time.
@@ -66,6 +69,7 @@ impl StackEnd {
         let facts =
             Facts { command, ends: &self.before, after: &self.after, nodes, course, last_line };
         self.ended = facts.evidence();
+        self.left = facts.left();
     }
 
     /// The first crash of something of it.

@@ -92,6 +92,7 @@ impl Facts<'_> {
             let late = if *state == Found::Same { &self.after[..0] } else { self.after };
             let mut ends = self.ends.iter().chain(late);
             let end = ends.find(|end| Some(end.pid) == node.pid);
+            let end = end.filter(|end| !self.was_asked_to(end, *state));
             nodes_pids.extend(node.pid);
             if let Some(cause) = self.of_node(*state, node.stayed, end) {
                 found
@@ -117,26 +118,39 @@ impl Facts<'_> {
         found.into_iter().map(|(_, entry)| entry).collect()
     }
 
+    /// Nodes that were in the graph when all input was out and have left it since, while no process
+    /// of theirs was seen to end. Whether they had received it all, the ledger knows.
+    pub fn left(&self) -> Vec<String> {
+        let has_left = |(node, state): &&(Known, Found)| {
+            let ended = self.ends.iter().any(|end| Some(end.pid) == node.pid);
+            *state == Found::Unregistered && node.stayed && !ended
+        };
+        self.nodes.iter().filter(has_left).map(|(node, _)| node.name.clone()).collect()
+    }
+
     /// Exit status 0 with the last input received is how a stack says that it is done.
     fn of_node(&self, state: Found, stayed: bool, end: Option<&ProcessEnd>) -> Option<Cause> {
         if state == Found::Another {
             return Some(Cause::NodeRespawned);
         }
         let ended = end.and_then(|end| end.ended);
-        // What the agent sent to one that was on its way out already.
-        let ours = ended.and_then(|ended| ended.signal).is_some_and(|s| OURS.contains(&s))
-            && end.is_some_and(|end| self.after.contains(end));
         match (state, end, ended) {
             (Found::Same, None, _) => None,
-            (_, _, Some(ended)) if ended.exit_status != Some(0) && !ours => {
-                Some(Cause::StackCrashed)
-            }
+            (_, _, Some(ended)) if ended.exit_status != Some(0) => Some(Cause::StackCrashed),
             (Found::Unregistered, _, _) if stayed => None,
-            (_, Some(end), Some(_)) if !ours && self.had_everything(end.at) => None,
+            (_, Some(end), Some(_)) if self.had_everything(end.at) => None,
             // It is not known how: one that took leave of the master did not crash.
             (Found::Unregistered, Some(end), None) if self.had_everything(end.at) => None,
             _ => Some(Cause::NodeGone),
         }
+    }
+
+    /// Whether it ended because the agent asked it to: that does not show how a node went before.
+    fn was_asked_to(&self, end: &ProcessEnd, state: Found) -> bool {
+        let by_signal = |ended: Ended| ended.signal.is_some_and(|signal| OURS.contains(&signal));
+        // Of a node that nobody reaches, the notice of an end by itself may be late.
+        let orderly = |ended: Ended| ended.exit_status == Some(0) && state == Found::Unregistered;
+        self.after.contains(end) && end.ended.is_some_and(|how| by_signal(how) || orderly(how))
     }
 
     fn of_command(&self, end: &ProcessEnd) -> Option<Cause> {
@@ -175,7 +189,7 @@ impl Facts<'_> {
             (Some(ended), _) => how(ended),
             (None, Some(_)) => "ended, and it is not known how".to_owned(),
             (None, None) if cause == Cause::NodeRespawned => "was registered again".to_owned(),
-            (None, None) => "left the ROS master".to_owned(),
+            (None, None) => "is gone from the ROS graph".to_owned(),
         };
         if let Some(seconds) = bag_seconds {
             message += &format!(" at {seconds:.1} s of the window");

@@ -196,6 +196,7 @@ impl Program {
             ended_by: if itself { EndedBy::Itself } else { EndedBy::Agent },
             usage,
             ended: Vec::new(),
+            left: Vec::new(),
             pid,
             before,
             after,

@@ -1,11 +1,11 @@
 """How the software under test ended, and what it used: a part of each engine's RESULT."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NotRequired
 
 from pydantic import Field
 from typing_extensions import TypedDict  # pydantic asks for it before Python 3.12
 
-from bagpipe.wire.maps.shape import Elapsed, Natural, Number, Signed, open_map
+from bagpipe.wire.maps.shape import Elapsed, Natural, Number, Signed, default, open_map
 
 
 @open_map
@@ -72,4 +72,14 @@ class StackEnd(TypedDict):
     ended: Annotated[
         list[Ended],
         Field(description="Each end that is evidence, in order of time; mostly none."),
+    ]
+    left: NotRequired[
+        Annotated[
+            list[str],
+            default(
+                [],
+                "Nodes that left the graph after all input was out, and whose processes lived on:"
+                " [with a loss](#how-the-stack-ended), one is `NodeGone`.",
+            ),
+        ]
     ]

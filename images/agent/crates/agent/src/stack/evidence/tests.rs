@@ -134,6 +134,46 @@ fn one_that_leaves_after_the_last_input_may_be_slow_at_it() {
 }
 
 #[test]
+fn a_node_that_left_is_gone_however_its_process_ends_when_it_is_asked_to() {
+    let begun = Instant::now();
+    let course = course(begun);
+    let (at, drain) = (begun + Duration::from_secs(20), begun + Duration::from_secs(14));
+    let with = |end: ProcessEnd, found: Found, asked: bool| {
+        let (before, after) = if asked { (vec![], vec![end]) } else { (vec![end], vec![]) };
+        let nodes = vec![(node(7), found)];
+        let facts =
+            Facts { ends: &before, after: &after, nodes, course: &course, ..Facts::default() };
+        facts.evidence().into_iter().map(|end| (end.message, end.bag_seconds)).collect::<Vec<_>>()
+    };
+    let gone = [("the node /tracker is gone from the ROS graph".to_owned(), None)];
+    // SIGINT, which it takes as a wish to end; the agent's SIGKILL is not its own end either.
+    assert_eq!(with(end(7, at, Some(0), None), Found::Unregistered, true), gone);
+    assert_eq!(with(end(7, at, None, Some(9)), Found::Unregistered, true), gone);
+    assert_eq!(with(end(7, at, None, Some(9)), Found::Unreachable, true), gone);
+    // By itself, once it had everything.
+    assert_eq!(with(end(7, drain, Some(0), None), Found::Unregistered, false), []);
+    // Its own end too, of which the notice came late.
+    assert_eq!(with(end(7, at, Some(0), None), Found::Unreachable, true), []);
+}
+
+#[test]
+fn who_leaves_after_the_last_input_and_lives_on_is_named() {
+    let begun = Instant::now();
+    let course = course(begun);
+    let ends = [end(7, begun + Duration::from_secs(14), Some(0), None)];
+    let with = |stayed: bool, found: Found, ends: &[ProcessEnd]| {
+        let nodes = vec![(Known { stayed, ..node(7) }, found)];
+        Facts { ends, nodes, course: &course, ..Facts::default() }.left()
+    };
+    assert_eq!(with(true, Found::Unregistered, &[]), ["/tracker"]);
+    // When a process ended is known to the moment.
+    assert!(with(true, Found::Unregistered, &ends).is_empty());
+    // Evidence by itself.
+    assert!(with(false, Found::Unregistered, &[]).is_empty());
+    assert!(with(true, Found::Same, &[]).is_empty());
+}
+
+#[test]
 fn the_sentence_has_the_second_of_bag_time_and_the_last_line() {
     let begun = Instant::now();
     let ends = [end(7, begun + Duration::from_millis(7500), None, Some(11))];
