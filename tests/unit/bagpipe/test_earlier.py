@@ -152,16 +152,44 @@ def test_the_manifest_of_the_job_that_goes_on_counts_both(world: World, tmp_path
     assert [json.loads(line).get("ran_in") for line in lines] == ["old", None, None, "old", None]
 
 
-def test_what_the_job_itself_counts_as_failed_is_not_taken_over_as_passed(tmp_path: Path) -> None:
+FAILED = ran("a", "failed", reason="CriterionFailed")
+
+
+@pytest.mark.parametrize("rows", [(FAILED, ran("a")), (ran("a"), FAILED)])
+def test_what_the_job_itself_counts_as_failed_is_not_taken_over_as_passed(
+    tmp_path: Path, rows: tuple[Row, Row]
+) -> None:
     world = World(tmp_path)
     folder = world.earlier.results
     # Attempt 1 was cut off from the API server and went on; its successor ran the case as well.
-    Journal(world.storage, folder, 1).append([ran("a", "failed", reason="CriterionFailed")])
-    Journal(world.storage, folder, 2).append([ran("a")])
-    with RowFile(tmp_path / "rows") as rows:
-        keeper = Keeper(Progress(folder), rows, Journal(world.storage, folder, 3))
+    for attempt, row in enumerate(rows, start=1):
+        Journal(world.storage, folder, attempt).append([row])
+    with RowFile(tmp_path / "rows") as kept:
+        keeper = Keeper(Progress(folder), kept, Journal(world.storage, folder, 3))
         keeper.resume(PLAN)
-        assert [row["outcome"] for row in rows.rows() if row["case"] == "a"] == ["failed"]
+        assert [row["outcome"] for row in kept.rows() if row["case"] == "a"] == ["failed"]
+        counts = keeper.progress.snapshot()["cases"]
+        assert (counts["passed"], counts["failed"]) == (0, 1)
         keeper.finish(threading.Event())
     world2 = World(tmp_path)
     assert [row["case"] for row in world2.taken()] == []
+
+
+@pytest.mark.parametrize(
+    ("rows", "counts"),
+    [
+        ("passed errored", "passed"),  # an errored one says nothing of the stack
+        ("errored passed", "errored"),
+        ("passed invalid", "invalid"),
+        ("invalid failed passed", "failed"),
+    ],
+)
+def test_of_the_rows_of_drivers_that_worked_at_once_the_worst_counts(
+    world: World, rows: str, counts: str
+) -> None:
+    for attempt, outcome in enumerate(rows.split(), start=1):
+        Journal(world.storage, FOLDER, attempt).append([ran("b", outcome)])
+    with RowFile(world.tmp_path / "rows") as kept:
+        Keeper(Progress(FOLDER), kept, Journal(world.storage, FOLDER, 9)).resume(PLAN)
+        assert [row["outcome"] for row in kept.rows() if row["case"] == "b"] == [counts]
+    assert bool(world.taken()) == (counts == "passed")

@@ -3,7 +3,7 @@
 import pytest
 
 from bagpipe.driver.progress import Progress
-from bagpipe.row_facts import counts_of, discarded_runs
+from bagpipe.row_facts import Key, counts_of, discarded_runs, key_of
 from tests.unit.bagpipe.jobs import make_row
 
 
@@ -51,3 +51,13 @@ def test_a_manifest_of_an_earlier_release_has_the_words_of_this_one() -> None:
     assert (found["discarded"], found["crashed"], found["lost"]) == (4, 0, 0)
     assert "retried" not in found
     assert counts_of({"counts": found}) == found
+
+
+def test_a_whole_number_is_the_same_value_as_an_integer_and_as_a_float() -> None:
+    def key(value: object) -> Key:
+        return key_of({"case": "a-0", "values": {"speed": value, "more": [{"x": value}]}})
+
+    assert key(1) == key(1.0) != key(1.5)
+    assert key(True) != key(1)
+    assert key("1") != key(1)
+    assert key(float("inf")) != key(float("nan"))

@@ -252,7 +252,8 @@ def test_the_effect_is_scipy_s_paired_t_freed_of_the_number_of_recordings(
     baseline = [float(n) for n in range(len(differences))]
     variant = [n + change for n, change in zip(baseline, differences, strict=True)]
     [found] = judged([Measured("delay", "s", direction, len(baseline), baseline, variant)])
-    if len(set(differences)) == 1:
+    few = 0 < sum(map(bool, differences)) < 5  # nothing is decided by so few that differ
+    if len(set(differences)) == 1 or few:
         assert found.effect is None
     else:
         paired = stats.ttest_rel(variant, baseline).statistic

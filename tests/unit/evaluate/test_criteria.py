@@ -1,15 +1,18 @@
 """Each criterion on recordings whose answer is known: passed, failed, and not enough evidence."""
 
+import itertools
 import math
 from typing import Any
 
 import pytest
 from pydantic import ValidationError
 
+from bagpipe.evaluate import values
 from bagpipe.evaluate.evidence import Evidence
 from bagpipe.evaluate.finding import Finding, verdict
 from bagpipe.evaluate.judge import evaluate, faults
 from bagpipe.evaluate.model import Criterion
+from bagpipe.evaluate.values import MOST_SECONDS
 from tests.unit.evaluate.recordings import evidence, number, poses, stamped, text
 
 
@@ -167,6 +170,14 @@ def test_an_expression_that_can_t_be_evaluated_is_invalid(holds: str, sentence: 
     finding = found(evidence(every(1.0)), expression={"topic": "/out", "holds": holds})
     assert finding.outcome == "invalid"
     assert sentence in finding.message
+
+
+def test_an_expression_that_takes_too_long_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    each = itertools.count(0.0, MOST_SECONDS / 4)
+    monkeypatch.setattr(values, "monotonic", lambda: next(each))
+    finding = found(evidence(every(1.0)), expression={"topic": "/out", "holds": "msg.data < 5.0"})
+    assert finding.outcome == "invalid"
+    assert "took over 120 s for 4 of 10 messages: nest no macros" in finding.message
 
 
 def test_expressions_are_looked_at_before_anything_runs() -> None:

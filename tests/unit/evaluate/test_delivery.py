@@ -206,3 +206,14 @@ def test_a_latched_topic_and_receipts_of_mode_max_are_covered_as_they_speak() ->
     assert (unpaced.figure, unpaced.coverage) == (0.1, None)
     by_stamp = found("rate", with_stamps((16, 15)), wanted, paced=False)
     assert (by_stamp.clock, by_stamp.coverage) == ("header", 1.0)
+
+
+@pytest.mark.parametrize(
+    ("bounds", "better"),
+    [({"min": 1}, "higher"), ({"max": 20}, "lower"), ({"min": 1, "max": 20}, "")],
+)
+def test_a_rate_is_better_away_from_its_one_bound(bounds: dict[str, float], better: str) -> None:
+    """A version that warns more often is not better for it."""
+    for over in ("window", "worst"):
+        finding = found("rate", plain(13, 14, 16), {**bounds, "over": over})
+        assert finding.direction == better

@@ -519,6 +519,35 @@ def test_each_section_of_a_spec_decides_a_case_unless_it_is_known_not_to() -> No
     assert fields >= INDIFFERENT_SECTIONS
 
 
+@pytest.mark.parametrize(
+    ("claim", "mounted", "reason"),
+    [
+        ("weights-v1", True, None),
+        ("weights-v2", True, "its cases ran with other files"),
+        ("weights-v2", False, None),
+    ],
+)
+async def test_other_files_of_the_stack_are_another_stack(
+    claim: str, mounted: bool, reason: str | None
+) -> None:
+    mounts = [{"name": "weights", "mountPath": "/opt/weights"}] if mounted else []
+    stack = STACK | {"volumeMounts": mounts}
+
+    def spark(claim: str) -> Json:
+        volume = {"name": "weights", "persistentVolumeClaim": {"claimName": claim}}
+        return {"executor": {"pod": {"volumes": [volume]}}}
+
+    job = make_job("x").with_spec("resumeFrom", "old").with_spec("stack", stack)
+    world = World(job.with_spec("spark", spark(claim)))
+    world.api.put("jobs", earlier(stack=stack, spark=spark("weights-v1")))
+    await world.reconcile()
+    if reason is None:
+        assert world.status()["resumedFrom"]["job"] == "old"
+    else:
+        assert world.reason("Failed") == "True/ResumeRefused"
+        assert reason in world.message("Failed")
+
+
 async def test_more_memory_for_the_stack_does_not_hinder_going_on() -> None:
     world = World(make_job("x").with_spec("resumeFrom", "old"))
     more = STACK | {"resources": {"limits": {"memory": "4Gi"}}, "imagePullPolicy": "Always"}

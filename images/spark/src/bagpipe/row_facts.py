@@ -9,11 +9,18 @@ Row = Mapping[str, Any]
 Key = tuple[str, str, int]
 
 OUTCOMES = ("passed", "failed", "invalid", "errored")
+# Of two runs of one case the worse one counts; an errored one says nothing of the stack.
+_BADNESS = {"failed": 2, "invalid": 1}
 # Reasons by which the stack, or a part of it, ended or restarted where it should not have.
 CRASHES = frozenset({"StackCrashed", "StackExited", "NodeGone", "NodeRespawned"})
 LOSSES = frozenset({"MessagesLost"})
 # What a job counts of its rows, beside how many were planned and are running.
 TALLIES = (*OUTCOMES, "crashed", "lost", "discarded", "quarantined")
+
+
+def badness(row: Row) -> int:
+    """How much a row says against the stack: of two rows of one case the greater one counts."""
+    return _BADNESS.get(str(row["outcome"]), 0)
 
 
 def is_finite(number: Any) -> bool:
@@ -130,10 +137,20 @@ def counts_of(manifest: Mapping[str, Any]) -> dict[str, int]:
 def key_of(row: Row) -> Key:
     """What makes two rows the same case of two versions; names of jobs and variants are not in it.
 
-    An earlier job's fragments are named after its bags, as this one's are.
+    An earlier job's fragments are named after its bags, as this one's are. A number is the same
+    value as an integer and as a float: an API server and a matrix of ranges write either.
     """
-    values = json.dumps(row.get("values") or {}, sort_keys=True)
+    values = json.dumps(_of_one_form(row.get("values") or {}), sort_keys=True)
     return (str(row.get("fragment") or row["case"]), values, int(row.get("seed") or 0))
+
+
+def _of_one_form(value: Any) -> Any:
+    """The value with whole numbers as integers."""
+    if isinstance(value, Mapping):
+        return {name: _of_one_form(each) for name, each in value.items()}
+    if isinstance(value, list):
+        return [_of_one_form(each) for each in value]
+    return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
 def pair_of(row: Row) -> str:

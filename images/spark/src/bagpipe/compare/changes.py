@@ -6,7 +6,7 @@ from functools import lru_cache
 from typing import Literal
 
 from bagpipe.compare.correction import holm
-from bagpipe.compare.pairing import Rounds
+from bagpipe.compare.pairing import Rounds, windows_differ
 from bagpipe.row_facts import Key
 
 Word = Literal["regressed", "fixed", "flaky", "same", "unknown"]
@@ -27,9 +27,10 @@ class Change:
 def changes(before: Mapping[Key, Rounds], after: Mapping[Key, Rounds]) -> dict[Key, Change]:
     """Every case that both have.
 
-    Where all rounds agree, in both, their word is the case's. Else Fisher's exact test says
-    whether so different shares of rounds may pass by chance, with Holm's correction over such
-    cases; only where they may, the case is flaky.
+    Of one that was another part of the recording nothing is known. Where all rounds agree, in
+    both, their word is the case's. Else Fisher's exact test says whether so different shares of
+    rounds may pass by chance, with Holm's correction over such cases; only where they may, the
+    case is flaky.
     """
     found = {}
     tested = {}
@@ -37,7 +38,9 @@ def changes(before: Mapping[Key, Rounds], after: Mapping[Key, Rounds]) -> dict[K
         if key not in before:
             continue
         then = before[key]
-        if then.steady and now.steady:
+        if windows_differ(then, now):
+            found[key] = Change("unknown")
+        elif then.steady and now.steady:
             found[key] = _plain(then, now)
         else:
             found[key] = Change("flaky")

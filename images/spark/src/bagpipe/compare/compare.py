@@ -15,8 +15,10 @@ from bagpipe.compare.pairing import (
     Row,
     Series,
     Versions,
+    files_differ,
     losses_differ,
     titles,
+    windows_differ,
 )
 from bagpipe.row_facts import Key
 
@@ -100,7 +102,12 @@ def _compared(
         "regressed": len(regressed), "missing": len(missing), "new": len(variant) - len(found),
         "quarantined": len(hidden),
     }  # fmt: skip
-    pairs = {key: (baseline[key], variant[key]) for key in found}
+    both = [(baseline[key], variant[key]) for key in found]
+    pairs = {
+        key: (baseline[key], variant[key])
+        for key in found
+        if not windows_differ(baseline[key], variant[key])
+    }
     if all(len(rounds.outcomes) == 1 for pair in pairs.values() for rounds in pair):
         series = [each for each in series if each != ROUNDS]
     criteria = compared(series, pairs)
@@ -111,7 +118,7 @@ def _compared(
     unmeasured = _unmeasured(baseline, variant, titles(series))
     message += f"; {len(hidden)} worse in quarantine" if hidden else ""
     message += f"; measured no more: {', '.join(unmeasured)}" if unmeasured else ""
-    message += _of_pairs(list(pairs.values()))
+    message += _of_pairs(both)
     return Comparison(
         name, called, verdict, message, counts, {word: became[word] for word in _BECAME},
         regressed=regressed[:MOST_NAMED], fixed=_named("fixed", found, variant),
@@ -125,9 +132,12 @@ def _of_pairs(pairs: Sequence[tuple[Rounds, Rounds]]) -> str:
     """In how many pairs something was not alike, after a semicolon; else nothing."""
     uncounted = sum(losses_differ(before, after) for before, after in pairs)
     other = sum(before.recording != after.recording for before, after in pairs)
-    message = ""
+    windows = sum(windows_differ(before, after) for before, after in pairs)
+    files = sum(files_differ(before, after) for before, after in pairs)
+    message = f"; {windows} of another part of the recording than there" if windows else ""
+    message += f"; {files} played from a file that has changed since" if files else ""
     if uncounted:
-        message = f"; losses not compared in {uncounted} case{'s' * (uncounted != 1)}, in which"
+        message += f"; losses not compared in {uncounted} case{'s' * (uncounted != 1)}, in which"
         message += " not as many nodes are counted as there"
     return message + (f"; {other} played from another recording than there" if other else "")
 

@@ -24,6 +24,8 @@ Word = Literal["better", "worse", "same", "unknown"]
 # False alarms in all criteria of one comparison.
 WORSE_LEVEL, BETTER_LEVEL = 0.04, 0.01
 LEVEL = WORSE_LEVEL + BETTER_LEVEL
+# Of a figure: means of the same numbers that differ by less do so by their rounding.
+_ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
@@ -68,8 +70,10 @@ class Measured:
 
     @property
     def differences(self) -> Figures:
-        """Of each recording, the variant's less the baseline's."""
-        return np.subtract(self.variant, self.baseline, dtype=np.float64)
+        """Of each recording, the variant's less the baseline's; 0 where rounding explains it."""
+        found = np.subtract(self.variant, self.baseline, dtype=np.float64)
+        figures = np.maximum(np.abs(self.variant), np.abs(self.baseline))
+        return np.where(np.abs(found) <= _ROUNDING * figures, 0.0, found)
 
     @property
     def sign(self) -> int:
@@ -131,7 +135,7 @@ def judged(all_measured: Sequence[Measured]) -> list[CriterionComparison]:
     better = _sides([test.chance_below() for test in tests.values()], least, BETTER_LEVEL)
     sides = dict(zip(tests, zip(worse, better, strict=True), strict=True))
     return [
-        _decided(one, tests[at], *sides[at], needed if len(one.baseline) < enough else 0)
+        _decided(one, tests[at], *sides[at], needed if tests[at].differing < enough else 0)
         if at in tests
         else _undecided(
             one, "not every figure is a finite number" if one.pairs else "no pair has it"
@@ -165,7 +169,7 @@ def _sides(chances: Sequence[float], least: Sequence[float], level: float) -> li
 def _decided(
     one: Measured, test: SignFlips, worse: _Side, better: _Side, needed: int
 ) -> CriterionComparison:
-    """`needed` is how many recordings a decision takes where there are too few, else 0."""
+    """`needed` is how many recordings have to differ for a decision where too few do, else 0."""
     recordings = len(one.baseline)
     difference = fmean(one.variant) - fmean(one.baseline)
     chance = min(1.0, worse.chance * LEVEL / WORSE_LEVEL, better.chance * LEVEL / BETTER_LEVEL)
@@ -181,7 +185,8 @@ def _decided(
     elif better.chance <= BETTER_LEVEL:
         verdict = "better"
     elif needed:
-        return _undecided(one, f"{message}: {needed} recordings are needed to rule out chance")
+        few = f", of which {test.differing} differ" if recordings >= needed else ""
+        return _undecided(one, f"{message}{few}: {needed} recordings are needed to rule out chance")
     if test.differing:
         message += f" ({_interval(low, high)}chance {chance:.2g})"
     return CriterionComparison(

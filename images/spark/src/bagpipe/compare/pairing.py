@@ -37,7 +37,8 @@ class Rounds:
     `figures` has what each criterion measured, and `losses` the shares of messages that were lost,
     by what they are without (left_out), also where nothing is left. `recording` says with which
     other cases it may share its luck: those of the same recording are not independent of each
-    other.
+    other. `windows` are the parts of it that were judged, in ns since 1970, and `files` the marks
+    of its file when it was planned.
     """
 
     recording: str
@@ -46,12 +47,19 @@ class Rounds:
     reasons: list[str] = field(default_factory=list)
     figures: dict[Series, list[float]] = field(default_factory=lambda: defaultdict(list))
     losses: dict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
+    windows: set[tuple[int, int]] = field(default_factory=set)
+    files: set[str] = field(default_factory=set)
 
     def add(self, row: Row) -> None:
         """One more round."""
         self.cases.append(row["case"])
         self.outcomes.append(row["outcome"])
         self.reasons.append(str(row.get("reason") or ""))
+        if row.get("window"):
+            _, start, end = row["window"]
+            self.windows.add((start, end))
+        if row.get("bag_version"):
+            self.files.add(str(row["bag_version"]))
         for finding in row.get("criteria") or []:
             for each in figures_of(finding):
                 if each.get("figure") is not None and each.get("direction"):
@@ -73,6 +81,8 @@ class Rounds:
             reasons=self.reasons + other.reasons,
             figures=figures,
             losses=losses,
+            windows=self.windows | other.windows,
+            files=self.files | other.files,
         )
 
     @property
@@ -167,6 +177,19 @@ def figures_of_both(
         both = {each: (then.losses[each], now.losses.get(each, [])) for each in then.losses}
         before, after = max(both.values(), key=lambda of: min(map(len, of)), default=((), ()))
     return (before, after) if before and after else ((), ())
+
+
+def windows_differ(then: Rounds, now: Rounds) -> bool:
+    """Whether both are known to have judged another part of the recording: no figure of one, and
+    no outcome, says anything of the other.
+    """
+    return bool(then.windows and now.windows and then.windows != now.windows)
+
+
+def files_differ(then: Rounds, now: Rounds) -> bool:
+    """Whether the recording of one name was another file."""
+    same = then.recording == now.recording
+    return bool(same and then.files and now.files and then.files != now.files)
 
 
 def losses_differ(then: Rounds, now: Rounds) -> bool:

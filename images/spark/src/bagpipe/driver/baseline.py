@@ -12,7 +12,7 @@ from bagpipe.storage import Storage, StorageError
 _COMPARED = (
     "case", "fragment", "variant", "values", "seed", "round", "bag", "parts", "outcome", "reason",
     "criteria", "attempts", "starts", "discarded", "evidence",
-    "allowed",
+    "allowed", "window", "bag_version",
 )  # fmt: skip
 
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 from bagpipe.driver.journal import Journal, read_row
 from bagpipe.plan.made import Plan
-from bagpipe.row_facts import recorded_names
+from bagpipe.row_facts import badness, recorded_names
 from bagpipe.run.case_run import Row, is_of
 from bagpipe.spec import EarlierResults
 from bagpipe.storage import Storage, StorageError
@@ -22,9 +22,9 @@ class CannotResumeError(Exception):
 def passed_rows(earlier: EarlierResults, planned: Plan, storage: Storage) -> Iterator[Row]:
     """The earlier job's cases that passed and belong to this plan, each with its rows' figures.
 
-    Cases that failed, gave no evidence or errored are left out, so that they run again. Of two rows
-    of one case, as two drivers leave them, the first counts, as it does for a job itself. Raises
-    CannotResumeError where the two plans are not the same, or the results can't be read.
+    Cases that failed, gave no evidence or errored are left out, so that they run again. So is one
+    of which two drivers left rows, and one of these speaks against it. Raises CannotResumeError
+    where the two plans are not the same, or the results can't be read.
     """
     now = len(planned.cases) + len(planned.unplanned)
     if now != earlier.cases:
@@ -33,6 +33,7 @@ def passed_rows(earlier: EarlierResults, planned: Plan, storage: Storage) -> Ite
             " have changed since. Leave out spec.resumeFrom to run all cases."
         )
     cases = {case.id: case for case in planned.cases}
+    doubted = _doubted(earlier, storage)
     seen: set[str] = set()
     for row in all_rows(earlier, storage):
         if "window" not in row or row["case"] in seen:  # a bag that yields no case
@@ -45,8 +46,20 @@ def passed_rows(earlier: EarlierResults, planned: Plan, storage: Storage) -> Ite
                 " and is not among this job's cases: the bag has changed since, or another release"
                 " planned it. Leave out spec.resumeFrom to run all cases."
             )
-        if row["outcome"] == "passed":
+        if row["outcome"] == "passed" and row["case"] not in doubted:
             yield _taken_over(row, earlier)
+
+
+def _doubted(earlier: EarlierResults, storage: Storage) -> set[str]:
+    """Cases against which some row speaks, of results that may have several of one case."""
+    if storage.exists(_committed(earlier)):
+        return set()
+    return {row["case"] for row in all_rows(earlier, storage) if badness(row)}
+
+
+def _committed(earlier: EarlierResults) -> str:
+    """The results that have one row for each case."""
+    return posixpath.join(earlier.results, "results.jsonl")
 
 
 def _taken_over(row: Row, earlier: EarlierResults) -> Row:
@@ -62,7 +75,7 @@ def _taken_over(row: Row, earlier: EarlierResults) -> Row:
 def all_rows(earlier: EarlierResults, storage: Storage) -> Iterator[Row]:
     """Every row that the earlier job has left, whatever it came to. Raises CannotResumeError."""
     try:
-        uri = posixpath.join(earlier.results, "results.jsonl")
+        uri = _committed(earlier)
         if storage.exists(uri):
             for number, line in enumerate(storage.open(uri).lines(), start=1):
                 yield read_row(line, uri, number)

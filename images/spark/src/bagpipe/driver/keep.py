@@ -17,7 +17,7 @@ from bagpipe.driver.progress import Progress
 from bagpipe.driver.row_file import RowFile
 from bagpipe.plan.made import Plan
 from bagpipe.quarantine import Quarantine
-from bagpipe.row_facts import quarantine_of
+from bagpipe.row_facts import badness, quarantine_of
 from bagpipe.run.case_run import Row, is_of, unplanned_row
 from bagpipe.storage import StorageError
 
@@ -81,14 +81,19 @@ class Keeper:
         """Take what earlier drivers journaled of this plan, and the bags that yield no case.
 
         A row counts only for the very case that was planned now: a bag that was replaced, or cut
-        otherwise, is run again. Raises StorageError.
+        otherwise, is run again. Of several of one case, as drivers leave them that worked at once,
+        the worst counts. Raises StorageError.
         """
         cases = {case.id: case for case in planned.cases}
-        for journaled in self.journal.rows():
-            case = cases.get(journaled["case"])
-            row = self.quarantine.marked(journaled)
-            if case is not None and is_of(row, case) and self.rows.add(row):
-                self.progress.add(row)
+        taken: dict[str, int] = {}
+        for row in self.journal.rows():
+            case = cases.get(row["case"])
+            if case is None or not is_of(row, case) or badness(row) <= taken.get(case.id, -1):
+                continue
+            self.rows.replace(self.quarantine.marked(row))
+            taken[case.id] = badness(row)
+        for row in self.rows.rows():
+            self.progress.add(row)
         self.take([unplanned_row(bag) for bag in planned.unplanned])
 
     def take(self, rows: list[Row]) -> None:

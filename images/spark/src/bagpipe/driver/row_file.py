@@ -1,4 +1,4 @@
-"""The rows of a job on the driver's own disk: one per case, the first that came.
+"""The rows of a job on the driver's own disk: one per case.
 
 A row holds a case's whole ledger and can be some kilobytes; the driver of a hundred thousand
 cases keeps only where each one lies.
@@ -45,13 +45,17 @@ class RowFile:
         """
         if row["case"] in self._places:
             return False
+        self.replace(row)
+        return True
+
+    def replace(self, row: Row) -> None:
+        """Keep a row in place of its case's one, if there is one. Raises OSError."""
         data = json.dumps(row).encode()
         place = (self._file.seek(0, 2), len(data))
         rest = memoryview(data)
         while rest:
             rest = rest[self._file.write(rest) :]
         self._places[row["case"]] = place
-        return True
 
     def rows(self) -> Iterator[Row]:
         """All rows in the order of the case names."""

@@ -93,7 +93,7 @@ def rate(name: str, wanted: Rate, evidence: Evidence) -> Finding:
         if wanted.min is None or figure >= wanted.min:
             figure = _of_longest_gap((each.time for each in found.inside), evidence)
     finding = bounded(
-        Finding(name, "rate", "passed", figure, "Hz", direction="higher"),
+        Finding(name, "rate", "passed", figure, "Hz", direction=_better_rate(wanted)),
         wanted.min,
         wanted.max,
         f"on {wanted.topic}{_repeated(counted, own)}{_more_after(found)}",
@@ -108,6 +108,13 @@ def rate(name: str, wanted: Rate, evidence: Evidence) -> Finding:
     return covering(
         finding, share, covered, found.clock, wanted.min_coverage, lasting=True, remedy=_REMEDY
     )
+
+
+def _better_rate(wanted: Rate) -> str:
+    """The direction away from the one bound; of two, neither is better."""
+    if wanted.min is None:
+        return "lower"
+    return "higher" if wanted.max is None else ""
 
 
 def _of_longest_gap(times: Iterable[int], evidence: Evidence) -> float:

@@ -1,5 +1,6 @@
 """Criteria over what messages say: bounds of a field, an expression over each message."""
 
+from time import monotonic
 from typing import Any
 
 from bagpipe.evaluate.evidence import Evidence
@@ -11,6 +12,9 @@ from bagpipe.evaluate.reads import number_below, paths_of
 from bagpipe.evaluate.window import TopicMessages, messages_of, over_window, samples
 from bagpipe.expressions import Expression as Compiled
 from bagpipe.expressions import ExpressionError, UnknownNamesError
+
+# For all messages of one criterion: macros within macros take as long as lists of the stack's are.
+MOST_SECONDS = 120.0
 
 
 def bounds(name: str, wanted: FieldBounds, evidence: Evidence) -> Finding:
@@ -77,7 +81,7 @@ def _holds(
     answers: list[tuple[int, Any]],
     evidence: Evidence,
 ) -> Finding:
-    found = [(at, _answer(program, message, at, evidence)) for at, message in answers]
+    found = _answers(program, answers, evidence)
     evidence.keep(wanted, found)
     count = sum(holds for _, holds in found)
     missed = next((at for at, holds in found if not holds), None)
@@ -93,6 +97,22 @@ def _holds(
         "higher",
         f"{wanted.holds} holds for {count} of {len(answers)} messages on {wanted.topic}{first}",
     )
+
+
+def _answers(
+    program: Compiled, answers: list[tuple[int, Any]], evidence: Evidence
+) -> list[tuple[int, bool]]:
+    """Raises NoEvidenceError after MOST_SECONDS; the message at hand is computed to its end."""
+    found: list[tuple[int, bool]] = []
+    begun = monotonic()
+    for at, message in answers:
+        if monotonic() - begun > MOST_SECONDS:
+            raise NoEvidenceError(
+                f"{program.text} took over {MOST_SECONDS:g} s for {len(found)} of {len(answers)}"
+                " messages: nest no macros, or compute it in an evaluator of your own"
+            )
+        found.append((at, _answer(program, message, at, evidence)))
+    return found
 
 
 def held(wanted: Expression, evidence: Evidence) -> list[tuple[int, bool]]:

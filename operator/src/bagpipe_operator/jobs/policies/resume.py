@@ -6,7 +6,8 @@ from bagpipe_operator.cluster.client import Api, ApiError
 from bagpipe_operator.jobs.view import JobView
 
 # What decides no case: where and when it runs, who is notified, and what is made of all of them.
-# Any other section of the spec does, and so does one that is added to it.
+# Any other section of the spec does, and so does one that is added to it. Of `spark`, the volumes
+# that the stack mounts decide as well.
 INDIFFERENT_SECTIONS = frozenset({
     "spark", "storage", "output", "comparison", "maxFailedCases", "backoffLimit", "quarantine",
     "managedBy", "suspend", "queueName", "startDeadline", "activeDeadline", "ttlAfterFinished",
@@ -52,6 +53,12 @@ def earlier_results(job: JobView, spec: SimulationJobSpec, earlier: JobView) -> 
                 " results say nothing of this job's cases: write the same, or leave out"
                 " spec.resumeFrom."
             )
+    if _mounted(job) != _mounted(earlier):
+        raise CannotResumeError(
+            "The volumes of spec.spark.executor.pod that spec.stack.volumeMounts names are not"
+            f" those of job {name}, which spec.resumeFrom names: its cases ran with other files."
+            " Write the same, or leave out spec.resumeFrom."
+        )
     results = str(earlier.status.get("results") or "")
     planned = int((earlier.status.get("cases") or {}).get("planned") or 0)
     if not results or not planned:
@@ -66,6 +73,16 @@ def earlier_results(job: JobView, spec: SimulationJobSpec, earlier: JobView) -> 
             " write an output.uri on that claim."
         )
     return {"job": name, "results": results, "cases": planned}
+
+
+def _mounted(job: JobView) -> list[Json]:
+    """The volumes of an executor's pod that the stack sees, by name."""
+    executor = (job.spec.get("spark") or {}).get("executor") or {}
+    volumes = (executor.get("pod") or {}).get("volumes") or []
+    mounts = (job.spec.get("stack") or {}).get("volumeMounts") or []
+    names = {mount["name"] for mount in mounts}
+    seen = (volume for volume in volumes if volume["name"] in names)
+    return sorted(seen, key=lambda volume: str(volume["name"]))
 
 
 def _decisive(job: JobView, section: str) -> object:

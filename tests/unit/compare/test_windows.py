@@ -1,0 +1,62 @@
+"""Pairs that are not the same part of a recording, or not of the same file."""
+
+from typing import Any
+
+from bagpipe.compare.compare import Comparison, compare
+from tests.unit.compare.rows import row
+
+SECOND = 1_000_000_000
+RECORDINGS = 8
+
+
+def rows(
+    length: int, outcome: str = "passed", file: str = "v1", **more: Any
+) -> list[dict[str, Any]]:
+    """A fragment of each recording, of so many seconds, whose latency grows by 1 ms each second."""
+    return [
+        row(
+            n, "", outcome, figure=0.001 * length, bag=f"file:///d{n}.bag", bag_version=file,
+            window=[0, SECOND, (1 + length) * SECOND], **more,
+        )
+        for n in range(RECORDINGS)
+    ]  # fmt: skip
+
+
+def compared(now: list[dict[str, Any]], then: list[dict[str, Any]]) -> Comparison:
+    [found] = compare(now, [], then)
+    return found
+
+
+def test_another_fragment_length_makes_nothing_better_or_worse() -> None:
+    for now, then in ((20, 60), (60, 20)):
+        found = compared(rows(now), rows(then))
+        assert found.verdict == "unknown"
+        assert found.counts["unknown"] == RECORDINGS
+        assert found.message == (
+            "no case of both could be compared; 8 of another part of the recording than there"
+        )
+        assert [one.pairs for one in found.criteria] == [0] * len(found.criteria)
+
+
+def test_a_case_that_fails_in_another_window_has_not_regressed() -> None:
+    found = compared(rows(60, "failed"), rows(20))
+    assert (found.counts["regressed"], found.counts["unknown"]) == (0, RECORDINGS)
+
+
+def test_the_lead_in_is_no_part_of_what_is_judged() -> None:
+    led_in = [{**each, "window": [500, *each["window"][1:]]} for each in rows(20)]
+    assert compared(rows(20), led_in).verdict == "same"
+
+
+def test_rows_of_a_release_before_have_no_window() -> None:
+    earlier = [{**each, "window": None, "bag_version": None} for each in rows(20)]
+    found = compared(rows(60), earlier)
+    assert found.verdict == "worse"
+    assert "another part" not in found.message
+
+
+def test_a_file_that_has_changed_since_is_named() -> None:
+    found = compared(rows(20, file="v2"), rows(20))
+    assert found.verdict == "same"
+    assert found.message.endswith("; 8 played from a file that has changed since")
+    assert "file" not in compared(rows(20), rows(20)).message
