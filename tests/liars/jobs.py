@@ -94,6 +94,11 @@ TOLERANT = Job(
         ]
     },
 )
+LEAVING = Job(
+    "leaving",
+    {"mode": "realtime"},
+    {"faultPolicy": [{"cause": "StackExited", "action": "allow"}]},
+)
 PROGRAMS = Job("programs", {}, engine="exec")
 
 
@@ -145,6 +150,7 @@ LEAD_IN_LIVE = Question(LIVE, "some answer", "warm", 1)
 OLD_ANSWERS = Question(OLD, "all answers")
 LATCHED_MAP = Question(LIVE, "a map")
 ALLOWED = Question(TOLERANT, "some answer")
+ALL_LEFT = Question(LEAVING, "all answers")
 APART = Question(LIVE, "apart")
 EXPECTED = Question(STEPPED, "known fault")
 PROGRAM = Question(PROGRAMS, drive="number")

@@ -24,6 +24,7 @@ MODES = {
     "fast": "max",
     "old": "max",
     "tolerant": "realtime, `faultPolicy` allows it",
+    "leaving": "realtime, `faultPolicy` allows the command to end",
     "programs": "the exec engine",
 }
 

@@ -2,7 +2,16 @@
 
 from dataclasses import replace
 
-from tests.liars.jobs import ALLOWED, ERROR, EXPECTED, PRESENCE, PRESENCE_LIVE, SOME_LIVE, SOME_MAX
+from tests.liars.jobs import (
+    ALL_LEFT,
+    ALLOWED,
+    ERROR,
+    EXPECTED,
+    PRESENCE,
+    PRESENCE_LIVE,
+    SOME_LIVE,
+    SOME_MAX,
+)
 from tests.liars.row import Row, cpp, launched, python
 
 OF = "death"
@@ -183,6 +192,35 @@ LIARS = [
         ("/planner",),
     ),
     Row(
+        "lives-twice",
+        OF,
+        "has a node that leaves midway, is restarted, and leaves again behind the last pose",
+        SOME_LIVE,
+        launched(_death("lives-twice"), _death("awaits-its-leave"), option="--respawn"),
+        "failed",
+        # Whether the new one still has the name at the end is a race.
+        says=("/planner",),
+    ),
+    Row(
+        "gives-its-name-away",
+        OF,
+        "has a node that leaves midway and whose name another process takes until the last pose",
+        SOME_LIVE,
+        launched(_death("gives-its-name-away"), _death("awaits-its-leave")),
+        "failed",
+        "",
+        ("/planner",),
+    ),
+    Row(
+        "holds-the-lock-and-fails",
+        OF,
+        "has a node too busy to name its process, which ends with status 3 behind the last pose",
+        SOME_LIVE,
+        launched(_death("holds-the-lock-and-fails"), _death("awaits-its-leave")),
+        *CRASHED,
+        ("3",),
+    ),
+    Row(
         "hidden-death",
         OF,
         "has a node that dies by SIGSEGV below a launcher that says nothing of it",
@@ -254,6 +292,30 @@ _LIVE_ON = {"daemon", "kills-the-master", "leaves-the-graph"}
 LIARS = [r if r.name in _LIVE_ON else replace(r, marks=("ran", "died")) for r in LIARS]
 
 HONEST = [
+    Row(
+        "holds-the-lock",
+        OF,
+        "has a node that computes in native code, and answers no question for 1.5 s at a time",
+        PRESENCE_LIVE,
+        launched(_death("holds-the-lock"), _death("awaits-the-planner")),
+        "passed",
+    ),
+    Row(
+        "done-and-broken",
+        OF,
+        "leaves the graph when the last pose is answered, and breaks when it is asked to end",
+        PRESENCE,
+        _death("done-and-broken"),
+        "passed",
+    ),
+    Row(
+        "daemon-on-purpose",
+        OF,
+        "starts its node behind its back and ends, which the job allows; 80 ms for each pose",
+        ALL_LEFT,
+        launched(_death("takes-its-time"), option="--leave"),
+        "passed",
+    ),
     Row(
         "done",
         OF,

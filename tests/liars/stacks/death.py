@@ -1,10 +1,12 @@
 """Stacks that do not live until the end: death.py WHICH."""
 
+import ctypes
 import os
 import signal
 import subprocess
 import sys
 import threading
+import time
 
 import rosgraph
 import rospy
@@ -131,21 +133,125 @@ class AwaitsThePlanner(Localiser):
             wait(0.01)
 
 
-class LeavesQuietly:
-    """A node that only publishes leaves at the first pose; its process ends well when asked to."""
+class AwaitsItsLeave(AwaitsThePlanner):
+    """Is at work behind the last pose, for 3 s at the most, until the one that leaves has left."""
+
+    def received(self, number, pose):
+        super().received(number, pose)
+        if number == POSES:
+            mark("last")
+            threading.Thread(target=self._work, daemon=True).start()
+
+    def _work(self):
+        end = time.monotonic() + 3
+        while time.monotonic() < end and not runs_before("left"):
+            pass
+
+
+class Reporter:
+    """A node that only publishes, on /status."""
 
     def __init__(self):
         rospy.init_node("planner")
         self.reports = rospy.Publisher("/status", PoseStamped, queue_size=None)
-        signal.signal(signal.SIGINT, lambda *_: os._exit(0))
         mark("up")
 
     def serve(self):
-        while not runs_before("ran"):
+        rospy.spin()
+
+    def leave(self, by, word):
+        """Leaves the graph once another stack's process has left its mark."""
+        while not runs_before(by):
             wait(0.01)
         rospy.signal_shutdown("tired")
-        mark("died")
+        mark(word)
+
+
+class LeavesQuietly(Reporter):
+    """Leaves at the first pose; its process ends well when it is asked to."""
+
+    def serve(self):
+        signal.signal(signal.SIGINT, lambda *_: os._exit(0))
+        self.leave("ran", "died")
         wait(600)
+
+
+class LivesTwice(Reporter):
+    """Leaves at the first pose and ends well; restarted, it leaves behind the last one."""
+
+    def serve(self):
+        if runs_before("up") == 1:
+            self.leave("ran", "died")
+            os._exit(0)
+        self.leave("last", "left")
+        wait(600)
+
+
+class GivesItsNameAway(Reporter):
+    """Leaves at the first pose and lives on; another process of it leaves behind the last one."""
+
+    def serve(self):
+        if runs_before("up") == 1:
+            self.leave("ran", "died")
+            subprocess.run([sys.executable, *sys.argv], check=False)
+            wait(600)
+        self.leave("last", "left")
+        os._exit(0)
+
+
+class HoldsTheLock(Reporter):
+    """Computes in native code that lets no other thread run, for 1.5 s at a time."""
+
+    until = "never"
+
+    def serve(self):
+        native = ctypes.PyDLL(None)
+        while not runs_before(self.until) and not rospy.is_shutdown():
+            native.usleep(1_500_000)
+
+
+class HoldsTheLockAndFails(HoldsTheLock):
+    """Does so when the play begins; behind the last pose it leaves and ends with status 3."""
+
+    until = "ran"
+
+    def serve(self):
+        super().serve()
+        self.leave("last", "left")
+        mark("died")
+        os._exit(3)
+
+
+class DoneAndBroken(Localiser):
+    """Leaves behind its last answer, and breaks in its destructors when it is asked to end."""
+
+    number = signal.SIGSEGV
+
+    def begin(self):
+        self.over = threading.Event()
+
+    def received(self, number, pose):
+        self.say(right(pose))
+        if number == POSES:
+            self.over.set()
+
+    def serve(self):
+        self.over.wait()
+        wait(0.3)
+        rospy.signal_shutdown("done")
+        mark("died")
+        signal.signal(signal.SIGINT, lambda *_: os.kill(os.getpid(), self.number))
+        wait(600)
+
+
+class TakesItsTime(Localiser):
+    """80 ms for each pose, which all have room in its queue."""
+
+    queue = 1000
+
+    def received(self, number, pose):
+        wait(0.08)
+        self.say(right(pose))
 
 
 class HelperDies(Localiser):

@@ -262,6 +262,10 @@ impl<'a, O: Outlet + ?Sized> Player<'a, O> {
             batch.time = message.time;
             last = Some(message.time);
         }
+        if share == Share::Counted {
+            watch.check()?;
+            watch.last_goes_out();
+        }
         self.send_batch(&batch, share, watch)?;
         Ok(last)
     }

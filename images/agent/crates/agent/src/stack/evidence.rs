@@ -75,7 +75,7 @@ pub struct Facts<'a> {
     pub command: Option<(i32, &'a str)>,
     /// In order of time.
     pub ends: &'a [ProcessEnd],
-    /// What was seen to end later; a node that was gone before did not end so late.
+    /// What was seen to end later: of a node that had gone before, the notice may be late.
     pub after: &'a [ProcessEnd],
     pub nodes: Vec<(Known, Found)>,
     pub course: &'a [Moment],
@@ -89,10 +89,10 @@ impl Facts<'_> {
         let mut found: Vec<(Option<Instant>, StackEnded)> = Vec::new();
         let mut nodes_pids = Vec::new();
         for (node, state) in &self.nodes {
-            let late = if *state == Found::Same { &self.after[..0] } else { self.after };
-            let mut ends = self.ends.iter().chain(late);
+            // Of the others it is known that they lived when they were asked to end.
+            let late = if *state == Found::Unreachable { self.after } else { &[] };
+            let mut ends = self.ends.iter().chain(late.iter().filter(|end| !is_ours(end)));
             let end = ends.find(|end| Some(end.pid) == node.pid);
-            let end = end.filter(|end| !self.was_asked_to(end, *state));
             nodes_pids.extend(node.pid);
             if let Some(cause) = self.of_node(*state, node.stayed, end) {
                 found
@@ -137,20 +137,12 @@ impl Facts<'_> {
         match (state, end, ended) {
             (Found::Same, None, _) => None,
             (_, _, Some(ended)) if ended.exit_status != Some(0) => Some(Cause::StackCrashed),
-            (Found::Unregistered, _, _) if stayed => None,
+            (Found::Unregistered, None, _) if stayed => None,
             (_, Some(end), Some(_)) if self.had_everything(end.at) => None,
             // It is not known how: one that took leave of the master did not crash.
             (Found::Unregistered, Some(end), None) if self.had_everything(end.at) => None,
             _ => Some(Cause::NodeGone),
         }
-    }
-
-    /// Whether it ended because the agent asked it to: that does not show how a node went before.
-    fn was_asked_to(&self, end: &ProcessEnd, state: Found) -> bool {
-        let by_signal = |ended: Ended| ended.signal.is_some_and(|signal| OURS.contains(&signal));
-        // Of a node that nobody reaches, the notice of an end by itself may be late.
-        let orderly = |ended: Ended| ended.exit_status == Some(0) && state == Found::Unregistered;
-        self.after.contains(end) && end.ended.is_some_and(|how| by_signal(how) || orderly(how))
     }
 
     fn of_command(&self, end: &ProcessEnd) -> Option<Cause> {
@@ -204,6 +196,11 @@ impl Facts<'_> {
             (ended.and_then(|e| e.exit_status), ended.and_then(|e| e.signal));
         StackEnded { cause, what, name: name.to_owned(), exit_status, signal, bag_seconds, message }
     }
+}
+
+/// Whether a signal ended it that the agent sends: that does not show how a node went before.
+fn is_ours(end: &ProcessEnd) -> bool {
+    end.ended.and_then(|ended| ended.signal).is_some_and(|signal| OURS.contains(&signal))
 }
 
 /// Sentences on processes that broke when they were asked to end, which is no evidence: many

@@ -174,7 +174,7 @@ impl Program {
         let itself = children.ended(self.pid).is_some();
         // What it says when it is asked to end is not why something ended before.
         let last_line = self.stderr().pop();
-        let mut over = self.witness.as_ref().map(Witness::dumping).unwrap_or_default();
+        let mut over = self.witness.as_ref().map(Witness::ending).unwrap_or_default();
         self.witness.iter().for_each(Witness::settle);
         let asked = Instant::now();
         let sampled = self.usage.take().map(|usage| usage.stop_sampling(spared));

@@ -5,6 +5,7 @@
 //! child left" means that nothing is left.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -190,17 +191,34 @@ pub fn is_alive(pid: i32) -> bool {
     state.is_some_and(|state| !matches!(state, "Z" | "X"))
 }
 
-/// Whether a fault has ended a process whose core the kernel still writes, which SIGKILL alone ends
-/// sooner.
-pub fn is_dumping(pid: i32) -> bool {
-    let status = std::fs::read(format!("/proc/{pid}/status")).unwrap_or_default();
-    says_dumping(&String::from_utf8_lossy(&status))
+/// Whether a process ends already, however it is asked to: the kernel writes its core, which SIGKILL
+/// alone ends sooner, or its threads go one after another, and its memory.
+pub fn is_ending(pid: i32) -> bool {
+    let threads = std::fs::read_dir(format!("/proc/{pid}/task")).into_iter().flatten().flatten();
+    let mut threads = threads.map(|thread| thread.path()).peekable();
+    let ends = |thread: PathBuf| {
+        let read = |file: &str| std::fs::read(thread.join(file)).unwrap_or_default();
+        let text = |file: &str| String::from_utf8_lossy(&read(file)).into_owned();
+        says_ending(&text("stat"), &text("status"))
+    };
+    threads.peek().is_some() && threads.all(ends)
 }
 
-/// Reads /proc/PID/status (proc(5)).
-fn says_dumping(status: &str) -> bool {
-    let value = status.lines().find_map(|line| line.strip_prefix("CoreDumping:"));
-    value.is_some_and(|value| value.trim() == "1")
+/// Reads a thread's stat and status (proc(5)); the flags of the ninth field are those of
+/// include/linux/sched.h. One that has gone meanwhile has none.
+fn says_ending(stat: &str, status: &str) -> bool {
+    const EXITING: u32 = 0x4;
+    // A signal ends it.
+    const SIGNALED: u32 = 0x400;
+    // SIGKILL, which each other thread gets where one ends the process.
+    const KILLED: u64 = 1 << 8;
+    let of = |name: &str| status.lines().find_map(|line| line.strip_prefix(name)).map(str::trim);
+    let fields = stat.rsplit_once(')').map_or("", |(_, fields)| fields);
+    let flags = fields.split_whitespace().nth(6).and_then(|flags| flags.parse::<u32>().ok());
+    let pending = of("SigPnd:").and_then(|set| u64::from_str_radix(set, 16).ok());
+    flags.is_none_or(|flags| flags & (EXITING | SIGNALED) != 0)
+        || of("CoreDumping:") == Some("1")
+        || pending.is_some_and(|set| set & KILLED != 0)
 }
 
 /// Every process below `root`, without `spared` and what is below those.
@@ -214,9 +232,39 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_core_that_is_written_is_seen() {
-        assert!(says_dumping("Name:\tCoreDumping:\nCoreDumping:\t1\nTHP_enabled:\t1\n"));
-        assert!(!says_dumping("Name:\tCoreDumping:\t1\nCoreDumping:\t0\nTHP_enabled:\t1\n"));
-        assert!(!is_dumping(i32::try_from(std::process::id()).unwrap()));
+    fn a_process_that_ends_already_is_seen() {
+        let stat = |flags: u32| format!("7 (a) S) R 1 7 7 0 -1 {flags} 8423 0");
+        let living = "Name:\tCoreDumping:\t1\nCoreDumping:\t0\nSigPnd:\t0000000000004000\n";
+        // A core is written; then the memory goes, as it does after exit().
+        for flags in [0x40_0600, 0x44_060c, 0x40_000c] {
+            assert!(says_ending(&stat(flags), living), "{flags:x}");
+        }
+        assert!(!says_ending(&stat(0x40_0000), living));
+        assert!(says_ending(&stat(0x40_0000), "Name:\ta\nCoreDumping:\t1\n"));
+        // Another thread ends the process, and this one got no processor yet.
+        assert!(says_ending(&stat(0x40_0000), "SigPnd:\t0000000000004100\n"));
+        assert!(says_ending("", ""));
+        assert!(!is_ending(i32::try_from(std::process::id()).unwrap()));
+        assert!(!is_ending(i32::MAX));
+    }
+
+    #[test]
+    fn a_process_whose_first_thread_alone_has_ended_goes_on() {
+        // exit_thread(2), as by pthread_exit() in main().
+        let program = "import ctypes, os, threading, time
+threading.Thread(target=time.sleep, args=(60,)).start()
+ctypes.CDLL(None).syscall({'x86_64': 60, 'aarch64': 93}[os.uname().machine], 0)";
+        let mut child =
+            std::process::Command::new("/usr/bin/python3").args(["-c", program]).spawn().unwrap();
+        let pid = i32::try_from(child.id()).unwrap();
+        let deadline = Instant::now() + Duration::from_secs(20);
+        while is_alive(pid) && Instant::now() < deadline {
+            pause(Duration::from_millis(5));
+        }
+        assert!(!is_alive(pid), "its first thread has not ended");
+        assert!(!is_ending(pid));
+        child.kill().unwrap();
+        child.wait().unwrap();
+        assert!(!is_ending(pid));
     }
 }

@@ -15,7 +15,7 @@ use rustix::event::{EventfdFlags, PollFd, PollFlags, Timespec, eventfd, poll};
 use rustix::process::{Pid, PidfdFlags, pidfd_open};
 
 use crate::stack::exit_code::{of_collected, of_zombie};
-use crate::stack::processes::{Ended, Spared, descendants, is_dumping};
+use crate::stack::processes::{Ended, Spared, descendants, is_ending};
 
 /// The pause between two looks for new processes, at first and later.
 const FIRST_PAUSE: Duration = Duration::from_millis(10);
@@ -70,10 +70,10 @@ impl Witness {
         lock(&self.watched).note(&ended, at);
     }
 
-    /// Processes that a fault has ended and whose core the kernel still writes.
-    pub fn dumping(&self) -> BTreeSet<i32> {
+    /// Processes that end already, and take a while to.
+    pub fn ending(&self) -> BTreeSet<i32> {
         let watched = lock(&self.watched);
-        watched.alive.keys().copied().filter(|pid| is_dumping(*pid)).collect()
+        watched.alive.keys().copied().filter(|pid| is_ending(*pid)).collect()
     }
 
     /// All ends, once nothing is left that could end.

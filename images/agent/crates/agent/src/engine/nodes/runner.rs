@@ -223,10 +223,11 @@ impl Runner<'_> {
         }
         let ended = self.children.borrow_mut().ended(stack.pid)?;
         let cause = if ended.exit_status == Some(0) { "StackExited" } else { "StackCrashed" };
-        // The replay goes on without it; in the drain there is nothing more to wait for.
         let draining = self.course.borrow().last().is_some_and(|last| last.stage == Stage::Drain);
         let allowed = self.case.faults.allows(cause);
-        (draining || !allowed).then_some(Cancellation::StackExited)
+        // The replay goes on without it, and is over in the drain once nothing of the stack is left.
+        let is_left = || !descendants(std::process::id(), &self.spared.pids()).is_empty();
+        (!allowed || (draining && !is_left())).then_some(Cancellation::StackExited)
     }
 
     /// Notes how far the replay is, and who is there when the play begins.

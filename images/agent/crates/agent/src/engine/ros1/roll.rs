@@ -3,6 +3,7 @@
 
 use std::cell::Cell;
 use std::collections::BTreeSet;
+use std::net::{SocketAddr, TcpStream, ToSocketAddrs};
 use std::thread::{Builder, ScopedJoinHandle};
 use std::time::{Duration, Instant};
 
@@ -37,9 +38,7 @@ pub fn roll(master_uri: &str) -> Result<Vec<Known>, RosError> {
     let listed: Vec<(String, Address)> = others.into_iter().zip(addresses).collect();
     let known = of_each(&listed, |(name, address)| {
         let Address::At(uri) = address else { return None };
-        // The player answers, and the master: a node that gives the address of either as its own
-        // would live as long as they do.
-        let pid = pid_of(uri).ok().filter(|pid| u32::try_from(*pid) != Ok(std::process::id()));
+        let pid = process_of(uri);
         Some(Known { name: name.clone(), uri: uri.clone(), pid, stayed: false })
     });
     Ok(known.into_iter().flatten().flatten().collect())
@@ -111,14 +110,20 @@ fn of_each<O: Sync, F: Send>(of: &[O], find: impl Fn(&O) -> F + Sync) -> Vec<Opt
     of.chunks(AT_ONCE).flat_map(together).collect()
 }
 
-/// Notes who is still there when all input is out: who leaves after that is done.
+/// Notes who is still there when all input is out, as it was: who leaves after that is done. Who did
+/// not say its process is asked again, as one may have been busy.
 ///
 /// # Errors
 /// As [`roll`].
 pub fn note_stayed(master_uri: &str, roll: &mut [Known]) -> Result<(), RosError> {
-    let names = registered(&Patient::new(master_uri)?)?;
-    for known in roll {
-        known.stayed = names.contains(&known.name);
+    let master = Patient::new(master_uri)?;
+    let addresses = addresses(&master, roll.iter().map(|known| &known.name))?;
+    for (known, address) in roll.iter_mut().zip(addresses) {
+        known.stayed = matches!(address, Address::At(uri) if uri == known.uri);
+    }
+    let asked = of_each(roll, |known| known.pid.or_else(|| process_of(&known.uri)));
+    for (known, pid) in roll.iter_mut().zip(asked) {
+        known.pid = pid.flatten();
     }
     Ok(())
 }
@@ -148,26 +153,41 @@ fn look_at(known: &Known, address: &Address) -> Found {
     };
     // A node in a namespace of its own gives a number that is another's here.
     let lives = |pid| is_alive(pid) && stack().contains(&pid);
-    match (answering(uri, known), known.pid) {
+    let answer = pid_of(uri);
+    let is_silent = answer.is_err();
+    match (of_the_node(answer, known), known.pid) {
         (Some(pid), Some(before)) if pid != before => Found::Another,
         (Some(_), _) if *uri != known.uri => Found::Another,
         (Some(_), _) => Found::Same,
         // One that hangs still has its socket: that is for the ledger to say.
         (None, Some(pid)) if *uri == known.uri && lives(pid) => Found::Same,
+        (None, None) if *uri == known.uri && is_silent && listens(uri) => Found::Same,
         (None, _) => Found::Unreachable,
     }
 }
 
-/// Who answers there in the node's name: where one ended, the kernel may have given its port to
+/// Who answers in the node's name: where one ended, the kernel may have given its port to
 /// a node of another slot.
-fn answering(uri: &str, known: &Known) -> Option<i32> {
-    let pid = pid_of(uri).ok()?;
-    (known.pid == Some(pid) || stack().contains(&pid)).then_some(pid)
+fn of_the_node(answer: Result<i32, RosError>, known: &Known) -> Option<i32> {
+    answer.ok().filter(|pid| known.pid == Some(*pid) || stack().contains(pid))
 }
 
 /// The stack's processes, and what else is below this one.
 fn stack() -> BTreeSet<i32> {
     descendants(std::process::id(), &[])
+}
+
+/// Whether a process has the socket there, even if it does not answer.
+fn listens(uri: &str) -> bool {
+    let address = uri.trim_start_matches("http://").trim_end_matches('/').to_socket_addrs();
+    let connects = |address: SocketAddr| TcpStream::connect_timeout(&address, ASK).is_ok();
+    address.is_ok_and(|mut found| found.next().is_some_and(connects))
+}
+
+/// The process that answers there, if it is none of ours: the player answers, and the master, so that
+/// a node that gives the address of either as its own would live as long as they do.
+fn process_of(uri: &str) -> Option<i32> {
+    pid_of(uri).ok().filter(|pid| u32::try_from(*pid) != Ok(std::process::id()))
 }
 
 fn pid_of(uri: &str) -> Result<i32, RosError> {
@@ -179,7 +199,7 @@ fn pid_of(uri: &str) -> Result<i32, RosError> {
 #[cfg(test)]
 mod tests {
     use std::io::{Read as _, Write as _};
-    use std::net::{Ipv4Addr, TcpListener, TcpStream};
+    use std::net::{Ipv4Addr, TcpListener};
     use std::sync::Arc;
     use std::sync::atomic::{AtomicUsize, Ordering};
     use std::time::Instant;
@@ -212,7 +232,8 @@ mod tests {
         let known = roll(served.uri()).unwrap();
         let found = look(served.uri(), &known).unwrap();
         assert!(begun.elapsed() < 6 * ASK, "{:?}", begun.elapsed());
-        assert_eq!((known.len(), found), (8, vec![Found::Unreachable; 8]));
+        // They have their sockets.
+        assert_eq!((known.len(), found), (8, vec![Found::Same; 8]));
     }
 
     /// A request or an answer of HTTP.

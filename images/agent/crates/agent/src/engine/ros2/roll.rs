@@ -22,7 +22,7 @@ pub fn roll(ledger: &Ledger) -> Vec<Known> {
 pub fn note_stayed(ledger: &Ledger, roll: &mut [Known]) {
     let alive = live_nodes(ledger, &endpoints(ledger));
     for known in roll {
-        known.stayed = alive.contains_key(&known.name);
+        known.stayed = alive.get(&known.name).is_some_and(|process| mark(*process) == known.uri);
     }
 }
 

@@ -147,13 +147,44 @@ fn a_node_that_left_is_gone_however_its_process_ends_when_it_is_asked_to() {
     };
     let gone = [("the node /tracker is gone from the ROS graph".to_owned(), None)];
     // SIGINT, which it takes as a wish to end; the agent's SIGKILL is not its own end either.
-    assert_eq!(with(end(7, at, Some(0), None), Found::Unregistered, true), gone);
-    assert_eq!(with(end(7, at, None, Some(9)), Found::Unregistered, true), gone);
+    for (status, signal) in
+        [(Some(0), None), (Some(1), None), (None, Some(9)), (None, Some(11)), (None, None)]
+    {
+        assert_eq!(with(end(7, at, status, signal), Found::Unregistered, true), gone);
+        let again = "the node /tracker was registered again, and another process has its name now";
+        let another = with(end(7, at, status, signal), Found::Another, true);
+        assert_eq!(another, [(again.to_owned(), None)]);
+    }
     assert_eq!(with(end(7, at, None, Some(9)), Found::Unreachable, true), gone);
     // By itself, once it had everything.
     assert_eq!(with(end(7, drain, Some(0), None), Found::Unregistered, false), []);
     // Its own end too, of which the notice came late.
     assert_eq!(with(end(7, at, Some(0), None), Found::Unreachable, true), []);
+}
+
+#[test]
+fn one_that_is_done_and_breaks_when_it_is_asked_to_end_is_done() {
+    let begun = Instant::now();
+    let course = course(begun);
+    for (status, signal) in [(Some(1), None), (None, Some(11))] {
+        let after = [end(7, begun + Duration::from_secs(20), status, signal)];
+        let nodes = vec![(Known { stayed: true, ..node(7) }, Found::Unregistered)];
+        let facts = Facts { after: &after, nodes, course: &course, ..Facts::default() };
+        assert!(facts.evidence().is_empty());
+        assert_eq!(facts.left(), ["/tracker"]);
+    }
+}
+
+#[test]
+fn a_node_whose_process_ended_midway_did_not_stay() {
+    let begun = Instant::now();
+    let course = course(begun);
+    // Its name was there when all input was out: another process had it by then.
+    let ends = [end(7, begun + Duration::from_secs(5), Some(0), None)];
+    let nodes = vec![(Known { stayed: true, ..node(7) }, Found::Unregistered)];
+    let facts = Facts { ends: &ends, nodes, course: &course, ..Facts::default() };
+    let causes: Vec<&str> = facts.evidence().iter().map(|end| end.cause.name()).collect();
+    assert_eq!(causes, ["NodeGone"]);
 }
 
 #[test]
