@@ -47,6 +47,16 @@ impl Unnamed {
         self.state().seen
     }
 
+    /// When the last look was.
+    pub(crate) fn asked(&self) -> Option<Instant> {
+        self.state().asked
+    }
+
+    /// Whether there were some at the last look.
+    pub(crate) fn is_suspected(&self) -> bool {
+        self.state().in_a_row > 0
+    }
+
     fn state(&self) -> MutexGuard<'_, State> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }

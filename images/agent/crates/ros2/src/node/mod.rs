@@ -2,6 +2,7 @@
 
 mod others;
 mod recorded;
+mod strangers;
 mod types;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -128,9 +129,7 @@ impl Graph {
         let types = self.topics_of_graph()?;
         let subscribed = self.subscribe_to_wanted(&types, &look.endpoints);
         for (input, handed) in inputs.iter().zip(handed) {
-            let others = self.publishing(&state, &input.topic);
-            let others = others.chain(people_who_publish(&nodes, &input.topic)).cloned();
-            input.others.lock().unwrap_or_else(PoisonError::into_inner).extend(others);
+            self.note_others(input, &nodes, &state);
             self.compare(input, handed, &look);
             self.look_for_other_types(input, &types, &look);
         }
@@ -297,6 +296,7 @@ impl Node for Graph {
     }
 
     fn remarks(&self) -> Vec<String> {
+        self.look_for_unnamed_at_last();
         [self.stillness.remarks(), self.uncounted(), self.unnamed_topics.remarks()].concat()
     }
 

@@ -10,11 +10,7 @@ use bagpipe_ros2ledger::{Endpoint, Kind, Strength, Unlisted};
 use bagpipe_ros2player::GraphNode;
 
 use super::Graph;
-use super::recorded::known_on;
 use crate::error::failed;
-use crate::other_types::Types;
-use crate::publishers::unnamed;
-use crate::recording::Input;
 use crate::seen::state;
 use crate::stillness::counted;
 use crate::topic::{Look, PLAYER, Topic, uncounted};
@@ -119,61 +115,6 @@ impl Graph {
             }
         }
         remarks
-    }
-
-    /// Takes in how many programs are matched that are no nodes, at the topics of which all nodes count.
-    pub(super) fn look_for_unnamed(&self, nodes: &[GraphNode], types: &Types, look: &Look) {
-        let others = || nodes.iter().filter(|node| node.name != self.name);
-        // Of the endpoints, also those of processes that have ended, which are matched for a while.
-        let listed = |kind: Kind, topic: &str, has: &dyn Fn(&GraphNode) -> bool| {
-            let all = look.endpoints.iter().filter(|one| one.kind == kind && one.topic == topic);
-            let there: Vec<&Endpoint> = all.filter(|one| !one.destroyed).collect();
-            let counts = |node: &GraphNode| there.iter().any(|one| one.node == node.name);
-            let all_count = others().filter(|node| has(node)).all(counts);
-            all_count.then_some(there.len() as u64)
-        };
-        let inputs = self.inputs.all();
-        for topic in self.topics().iter() {
-            let name = &topic.info().topic;
-            let has = |node: &GraphNode| node.subscribes.iter().any(|on| on.0 == *name);
-            let recorded = inputs.iter().any(|input| input.topic == *name);
-            if let Some(listed) = listed(Kind::Subscription, name, &has).filter(|_| !recorded) {
-                topic.look_for_unnamed(listed);
-            }
-        }
-        for input in inputs {
-            let has = |node: &GraphNode| node.publishes.iter().any(|on| on.0 == input.topic);
-            let played = self.topics().iter().any(|topic| topic.info().topic == input.topic);
-            let by_name = || listed(Kind::Publisher, &input.topic, &has).filter(|_| !played);
-            let more = || self.unnamed_publishers(&input, types, look, by_name);
-            input.unnamed.look(Instant::now(), more);
-        }
-    }
-
-    /// How many publish a recorded topic that neither count nor are named for it; where no GIDs are known, those that are
-    /// matched beyond the listed ones, if all nodes of the topic count.
-    fn unnamed_publishers(
-        &self,
-        input: &Input,
-        types: &Types,
-        look: &Look,
-        listed: impl FnOnce() -> Option<u64>,
-    ) -> u64 {
-        let there = look.there(Kind::Publisher, &input.topic).count() as u64;
-        let matched = self.means.player.publishers(input.subscription).unwrap_or_default();
-        let of_one_type = types.get(&input.topic).is_none_or(|of| of.count < 2);
-        // As nearly always; what all publish is not asked of each topic.
-        if matched == there && of_one_type {
-            return 0;
-        }
-        let Ok(shown) = self.others_on(&input.topic) else { return 0 };
-        let judge = |look: &Look| {
-            let others = input.others.lock().unwrap_or_else(PoisonError::into_inner);
-            let named = uncounted(&input.topic, &others, &look.endpoints);
-            unnamed(&shown, &known_on(&input.topic, look), &named)
-        };
-        let by_gid = self.judged(look, judge, |many| many.is_some_and(|many| many > 0));
-        by_gid.unwrap_or_else(|| listed().map_or(0, |listed| matched.saturating_sub(listed)))
     }
 
     /// Of which programs that are no nodes nothing is known.

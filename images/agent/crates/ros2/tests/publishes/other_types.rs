@@ -26,7 +26,7 @@ pub(crate) fn play(scene: &Scene, record: &[&str], messages: u64) -> Result<Repl
     play_while(scene, record, messages, |_| ())
 }
 
-fn play_while(
+pub(crate) fn play_while(
     scene: &Scene,
     record: &[&str],
     messages: u64,

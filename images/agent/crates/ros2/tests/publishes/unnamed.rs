@@ -1,6 +1,10 @@
 //! Who publishes what is recorded and does not count, where the graph has no name of it or one that another has.
 
-use crate::other_types::{TALK, TALKS, await_topic, play};
+use std::time::{Duration, Instant};
+
+use bagpipe_replay::Stage;
+
+use crate::other_types::{TALK, TALKS, await_topic, play, play_while};
 use crate::scene::{RELAY, Scene, recorded};
 
 /// What warns of those that publish /talk and do not count, where it is recorded as Imu.
@@ -36,6 +40,57 @@ fn who_counts_and_publishes_another_type_hides_nobody() {
     await_topic(&scene, "/talk", 3);
     let warnings = warnings_of(&scene);
     assert!(warnings.contains("publish /talk (at least 1)"), "{warnings}");
+}
+
+/// Who offers best effort or volatile messages is not matched by a recorder of the counting publisher's, and the numbers
+/// of both are the same.
+#[test]
+fn who_is_not_matched_is_not_hidden_by_who_counts_and_is() {
+    let scene = Scene::new();
+    let _talks = scene.start("standin_node", &TALKS);
+    let best_effort = "/talk:sensor_msgs/msg/Imu:10:best_effort";
+    let words = ["--name", "/talks", "--pub", best_effort, "--every-us", "1000"];
+    let _namesake = scene.start_uncounted("standin_node", &words);
+    await_topic(&scene, "/talk", 2);
+    let warnings = warnings_of(&scene);
+    assert!(warnings.contains("publish /talk (at least 1)"), "{warnings}");
+}
+
+#[test]
+fn nor_by_who_counts_and_keeps_what_it_publishes() {
+    let scene = Scene::new();
+    let kept = "/talk:sensor_msgs/msg/Imu:10:reliable:transient_local";
+    let _talks = scene.start("standin_node", &["--name", "/talks", "--pub", kept]);
+    let _program = scene.start_uncounted("dds_relay", &["/in", "/talk", "sensor_msgs/Imu"]);
+    await_topic(&scene, "/talk", 2);
+    let warnings = warnings_of(&scene);
+    assert!(warnings.contains("publish /talk (at least 1)"), "{warnings}");
+}
+
+#[test]
+fn who_comes_in_the_last_second_of_the_play_is_named() {
+    let namesake = [&TALKS[..], &["--every-us", "1000"]].concat();
+    let named = ["--name", "/late", "--pub", TALKS[3]];
+    for (words, warning) in [
+        (&namesake[..], "publish /talk (at least 1)"),
+        (&named, "/late publishes /talk in a process that does not count"),
+    ] {
+        let scene = Scene::new();
+        let _talks = scene.start("standin_node", &TALKS);
+        let _relay = scene.start("standin_node", &RELAY);
+        let (mut late, mut since) = (None, None);
+        let played = play_while(&scene, &["/out", "/talk"], 3000, |progress| {
+            if progress.stage == Stage::Play
+                && since.get_or_insert_with(Instant::now).elapsed() > Duration::from_secs(2)
+            {
+                late.get_or_insert_with(|| scene.start_uncounted("standin_node", words));
+            }
+        });
+        assert!(late.is_some());
+        let warnings = played.unwrap().playback.warnings.join("; ");
+        assert_eq!(warnings.matches(" publish").count(), 1, "{warnings}");
+        assert!(warnings.contains(warning), "{warnings}");
+    }
 }
 
 #[test]
