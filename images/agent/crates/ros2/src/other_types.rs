@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use bagpipe_ros2player::{GraphPublisher, GraphTypes};
 
-use crate::publishers::{Known, by_gid};
+use crate::publishers::{Known, Owners, by_gid};
 use crate::unnamed::Unnamed;
 
 /// As which types the graph has each topic.
@@ -29,25 +29,25 @@ pub(crate) fn differing(
     recorded: &str,
     known: &[Known<'_>],
 ) -> Differing {
-    let Some(owners) = by_gid(shown, known) else { return by_name(shown, recorded, known) };
-    let mut found = Differing::default();
-    for (one, owner) in shown.iter().zip(owners).filter(|(one, _)| one.datatype != recorded) {
-        match owner {
-            Some(owner) if owner.has_published => {
-                found.counting.insert((owner.node.to_owned(), one.datatype.clone()));
-            }
-            Some(_) => {}
-            None => {
-                found.uncounted += 1;
-                found.types.insert(one.datatype.clone());
-            }
+    let Some(Owners { known: owned, rest, without }) = by_gid(shown, known) else {
+        return by_name(shown.iter(), recorded, known);
+    };
+    // Of those whose GIDs the ledger lacks as many count as it has without one.
+    let mut found = by_name(rest.into_iter(), recorded, &without);
+    for (one, owner) in owned {
+        if one.datatype != recorded && owner.has_published {
+            found.counting.insert((owner.node.to_owned(), one.datatype.clone()));
         }
     }
     found
 }
 
 /// The same where the graph's GIDs are not those of the ledger: there are no fewer.
-fn by_name(shown: &[GraphPublisher], recorded: &str, known: &[Known<'_>]) -> Differing {
+fn by_name<'s>(
+    shown: impl Iterator<Item = &'s GraphPublisher>,
+    recorded: &str,
+    known: &[Known<'_>],
+) -> Differing {
     let mut found = Differing::default();
     let mut by_node: BTreeMap<Option<&str>, Vec<&str>> = BTreeMap::new();
     for one in shown {
@@ -234,6 +234,11 @@ mod tests {
         assert_eq!(named(found), (vec!["/d C".to_owned()], 2));
         let silent = Known { has_published: false, ..second };
         assert_eq!(named(differing(&graph, "A", &[first, silent, killed])), none(2));
+        // One without a GID is one of its name, and switches off no other's.
+        let without = Known { gid: None, ..known("/b") };
+        let found = differing(&graph, "A", &[first, second, killed, without]);
+        assert_eq!(found.types, BTreeSet::from(["B".to_owned(), "D".to_owned()]));
+        assert_eq!(named(found), (vec!["/b D".to_owned(), "/d C".to_owned()], 1));
     }
 
     #[test]

@@ -18,36 +18,60 @@ pub(crate) struct Known<'e> {
     pub(crate) is_there: bool,
 }
 
-/// Of each that the graph shows, which one of the ledger it is; `None` if a GID is not known.
-pub(crate) fn by_gid<'k, 'e>(
-    shown: &[GraphPublisher],
-    known: &'k [Known<'e>],
-) -> Option<Vec<Option<&'k Known<'e>>>> {
-    let all =
-        known.iter().all(|one| one.gid.is_some()) && shown.iter().all(|one| one.gid.is_some());
-    let owner = |one: &GraphPublisher| known.iter().find(|known| known.gid == one.gid);
-    all.then(|| shown.iter().map(owner).collect())
+/// The publishers of a topic that the graph shows, by whose they are.
+#[derive(Debug)]
+pub(crate) struct Owners<'s, 'e> {
+    /// Those that the ledger has by their GIDs, each with what it has of it.
+    pub(crate) known: Vec<(&'s GraphPublisher, Known<'e>)>,
+    /// Those whose GIDs it does not have.
+    pub(crate) rest: Vec<&'s GraphPublisher>,
+    /// Those that it has without a GID and that are there: as many of the rest may be these.
+    pub(crate) without: Vec<Known<'e>>,
+}
+
+/// Whose each is that the graph shows, by the GIDs; `None` where these are not known: the graph has one without, or the
+/// ledger has none. One without a GID that is destroyed or has ended makes room for nobody.
+pub(crate) fn by_gid<'s, 'e>(
+    shown: &'s [GraphPublisher],
+    known: &[Known<'e>],
+) -> Option<Owners<'s, 'e>> {
+    let has_none = known.iter().all(|one| one.gid.is_none());
+    if shown.iter().any(|one| one.gid.is_none())
+        || (has_none && known.iter().any(|one| !one.destroyed))
+    {
+        return None;
+    }
+    let is_without = |one: &&Known<'_>| one.gid.is_none() && !one.destroyed && one.is_there;
+    let without = known.iter().filter(is_without).copied().collect();
+    let mut owners = Owners { known: Vec::new(), rest: Vec::new(), without };
+    for one in shown {
+        match known.iter().find(|known| known.gid == one.gid) {
+            Some(owner) => owners.known.push((one, *owner)),
+            None => owners.rest.push(one),
+        }
+    }
+    Some(owners)
 }
 
 /// Whether the ledger has each that the graph shows, by their number where a GID is not known.
 pub(crate) fn are_listed(shown: &[GraphPublisher], known: &[Known<'_>]) -> bool {
     match by_gid(shown, known) {
-        Some(owners) => owners.iter().all(Option::is_some),
-        None => shown.len() <= known.len(),
+        Some(owners) => owners.rest.len() <= owners.without.len(),
+        None => shown.len() <= known.iter().filter(|one| one.is_there).count(),
     }
 }
 
 /// How many do not count, beside the nodes that are `named` for it: programs that are no nodes, and nodes of a name
-/// that another has, by which the graph does not show them. `None` if a GID is not known.
+/// that another has, by which the graph does not show them. `None` if no GIDs are known.
 pub(crate) fn unnamed(
     shown: &[GraphPublisher],
     known: &[Known<'_>],
     named: &[String],
 ) -> Option<u64> {
-    let owners = by_gid(shown, known)?;
-    let strangers = shown.iter().zip(owners).filter(|(_, owner)| owner.is_none());
-    let is_hidden = |one: &GraphPublisher| !one.node.as_ref().is_some_and(|of| named.contains(of));
-    Some(strangers.filter(|(one, _)| is_hidden(one)).count() as u64)
+    let Owners { rest, without, .. } = by_gid(shown, known)?;
+    let is_hidden = |one: &&&GraphPublisher| one.node.as_ref().is_none_or(|of| !named.contains(of));
+    let hidden = rest.iter().filter(is_hidden).count();
+    Some(hidden.saturating_sub(without.len()) as u64)
 }
 
 #[cfg(test)]
@@ -74,9 +98,10 @@ mod tests {
             [shown("", Some(1)), shown("/a", Some(2))],
             [known("/a", Some(1)), known("/b", Some(3))],
         );
-        let owners = by_gid(&graph, &ledger).unwrap_or_default();
-        let nodes: Vec<_> = owners.iter().map(|owner| owner.map(|known| known.node)).collect();
-        assert_eq!(nodes, [Some("/a"), None]);
+        let owners = by_gid(&graph, &ledger).unwrap();
+        let nodes: Vec<_> = owners.known.iter().map(|(_, known)| known.node).collect();
+        assert_eq!((nodes, owners.rest), (vec!["/a"], vec![&graph[1]]));
+        assert!(owners.without.is_empty());
     }
 
     #[test]
@@ -89,16 +114,35 @@ mod tests {
         let unknown = Known { gid: None, ..third };
         assert!(are_listed(&graph, &[one, unknown]));
         assert!(!are_listed(&graph, &[unknown]));
+        assert!(are_listed(&graph, &[unknown, unknown]));
+        let ended = Known { is_there: false, ..unknown };
+        assert!(!are_listed(&graph, &[one, ended]));
+        assert!(!are_listed(&graph, &[unknown, ended]));
         assert!(are_listed(&[], &[]));
     }
 
     #[test]
-    fn without_each_gid_nothing_is_known() {
-        let (with, without) = ([known("/a", Some(1))], [known("/a", Some(1)), known("/b", None)]);
+    fn without_gids_in_the_graph_or_the_ledger_nothing_is_known() {
+        let (with, without) = ([known("/a", Some(1))], [known("/a", None), known("/b", None)]);
         assert!(by_gid(&[shown("/a", Some(1))], &with).is_some());
         assert!(by_gid(&[shown("/a", Some(1))], &without).is_none());
         assert!(by_gid(&[shown("/a", Some(1)), shown("/b", None)], &with).is_none());
         assert_eq!(unnamed(&[shown("", Some(2))], &without, &[]), None);
+    }
+
+    #[test]
+    fn one_without_a_gid_makes_room_for_one_and_only_while_it_is_there() {
+        let killed = Known { is_there: false, ..known("/a", Some(2)) };
+        let there = known("/b", None);
+        let destroyed = Known { destroyed: true, is_there: false, ..there };
+        let ended = Known { is_there: false, ..there };
+        let graph = [shown("/a", Some(1)), shown("/c", Some(9))];
+        let hidden = |one: Known<'_>| unnamed(&graph, &[known("/a", Some(1)), killed, one], &[]);
+        assert_eq!(hidden(destroyed), Some(1));
+        assert_eq!(hidden(ended), Some(1));
+        assert_eq!(hidden(there), Some(0));
+        // Nor does one that is destroyed switch off the GIDs of the others.
+        assert_eq!(unnamed(&graph, &[destroyed], &[]), Some(2));
     }
 
     #[test]
