@@ -180,6 +180,7 @@ impl Node for Graph {
     }
 
     fn subscribe(&self, topic: &str) -> Result<(), GraphError> {
+        self.unnamed_topics.ask(topic);
         if self.inputs.of(topic).is_none() {
             self.wanted().insert(topic.to_owned());
         }

@@ -258,18 +258,21 @@ fn a_program_whose_type_is_not_installed_costs_a_pattern_no_other_topic() {
 
 #[test]
 fn what_is_asked_for_by_its_name_and_can_t_be_recorded_is_missed_though_it_comes_in_the_play() {
-    let scene = Scene::new();
-    let _relay = scene.start("standin_node", &RELAY);
-    let mut program = None;
-    let played = play_while(&scene, &["/out", "/odd"], 2000, |progress| {
-        if progress.stage == Stage::Play {
-            program.get_or_insert_with(|| {
-                let odd = ["/other", "/odd", "not_installed_msgs/Thing"];
-                scene.start_uncounted("dds_relay", &odd)
-            });
-        }
-    });
-    let text = missed(played);
-    assert!(text.contains("the graph can't be read to its end"), "{text}");
-    assert!(text.contains("not_installed_msgs"), "{text}");
+    // Also where a pattern is asked for beside it, of which no topic is.
+    for record in [&["/out", "/odd"][..], &["/out", "/odd", "/zz.*"]] {
+        let scene = Scene::new();
+        let _relay = scene.start("standin_node", &RELAY);
+        let mut program = None;
+        let played = play_while(&scene, record, 2000, |progress| {
+            if progress.stage == Stage::Play {
+                program.get_or_insert_with(|| {
+                    let odd = ["/other", "/odd", "not_installed_msgs/Thing"];
+                    scene.start_uncounted("dds_relay", &odd)
+                });
+            }
+        });
+        let text = missed(played);
+        assert!(text.contains("the graph can't be read to its end"), "{text}");
+        assert!(text.contains("not_installed_msgs"), "{text}");
+    }
 }
