@@ -11,9 +11,13 @@ use bagpipe_ros2ledger::{Endpoint, EndpointId};
 /// Who came during the play may publish for so long before it and the recorder know each other.
 const LATE: Duration = Duration::from_secs(2);
 
-/// By topic.
+/// Those of a play.
 #[derive(Default)]
-pub(crate) struct Unmet(Mutex<BTreeMap<String, Begun>>);
+pub(crate) struct Unmet {
+    topics: Mutex<BTreeMap<String, Begun>>,
+    /// Those that were gone when the play began, of all topics.
+    gone: Mutex<BTreeSet<EndpointId>>,
+}
 
 /// A topic, since the play began.
 #[derive(Debug, Default)]
@@ -98,12 +102,26 @@ impl Begun {
 
 impl Unmet {
     fn topics(&self) -> MutexGuard<'_, BTreeMap<String, Begun>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        self.topics.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Takes in that the play begins.
-    pub(crate) fn begin(&self, topics: impl Iterator<Item = (String, Begun)>) {
+    fn gone(&self) -> MutexGuard<'_, BTreeSet<EndpointId>> {
+        self.gone.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Takes in that the play begins, without those that are `gone`.
+    pub(crate) fn begin(
+        &self,
+        topics: impl Iterator<Item = (String, Begun)>,
+        gone: impl Iterator<Item = EndpointId>,
+    ) {
         *self.topics() = topics.collect();
+        *self.gone() = gone.collect();
+    }
+
+    /// Whether one was gone when the play began: what it published is none of the play's.
+    pub(crate) fn was_gone(&self, one: EndpointId) -> bool {
+        self.gone().contains(&one)
     }
 
     /// Takes in who publishes a recorded topic at a moment of the play.

@@ -209,7 +209,7 @@ impl Node for Graph {
         // A ledger that can't be read fails the next look.
         let _ = self.undetermined.begin(self.ledger());
         self.begin_without_unmet();
-        self.inputs.all().iter().for_each(|input| input.other_types.begin());
+        self.begin_without_unrecordable();
         self.inputs.lives.hold()
     }
 

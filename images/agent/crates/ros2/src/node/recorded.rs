@@ -87,7 +87,7 @@ impl Graph {
     ) -> Result<Look, GraphError> {
         loop {
             let look = Look::at(self.ledger()).map_err(failed)?;
-            if patience.is_zero() || are_listed(shown, &known_on(topic, &look)) {
+            if patience.is_zero() || are_listed(shown, &self.known_on(topic, &look)) {
                 return Ok(look);
             }
             std::thread::sleep(AGAIN);
@@ -128,14 +128,45 @@ impl Graph {
         let met = self.met(input, look);
         let now = all().map(|one| (one.id, Publishes::of(&one.counts)));
         input.account().look(now, handed, |one| met.contains(one));
-        for one in all().filter(|one| one.counts.published > 0) {
-            if let Some(why) = qos::unrecordable(&one.qos, &input.qos) {
-                input.unrecordable().insert(format!(
+        self.look_for_unrecordable(input, look);
+    }
+
+    /// Takes in who publishes a recorded topic with another quality of service than the recorder can take.
+    pub(super) fn look_for_unrecordable(&self, input: &Input, look: &Look) {
+        let mut unrecordable = input.unrecordable();
+        for one in published_on(&input.topic, &look.endpoints) {
+            if let Some(why) = qos::unrecordable(&one.qos, &input.qos)
+                && self.has_published(one)
+            {
+                unrecordable.insert(format!(
                     "{} publishes {} {why}, for which the recorder was there already: publish it \
                      with one quality of service",
                     one.node, input.topic
                 ));
             }
+        }
+    }
+
+    /// Whether one has published, unless it was gone before the play: that is missed by nobody.
+    fn has_published(&self, one: &Endpoint) -> bool {
+        one.counts.published > 0 && !self.unmet.was_gone(one.id)
+    }
+
+    /// Takes in that the play begins: who can't be recorded and is gone is forgotten, and who is there is found again.
+    pub(super) fn begin_without_unrecordable(&self) {
+        let inputs = self.inputs.all();
+        for input in &inputs {
+            input.other_types.begin();
+            // Behind the begin of who is unmet, so that a look that is under way finds none of those that are gone.
+            input.unrecordable().clear();
+        }
+        // Who can't be read fails the next look.
+        let (Ok(types), Ok(look)) = (self.topics_of_graph(), Look::at(self.ledger())) else {
+            return;
+        };
+        for input in &inputs {
+            self.look_for_unrecordable(input, &look);
+            self.differing(input, &types, &look);
         }
     }
 
@@ -195,7 +226,9 @@ impl Graph {
             let begun = Begun::new(0, there);
             (topic, begun)
         });
-        self.unmet.begin(recorded.into_iter().chain(wanted));
+        let publishers = look.endpoints.iter().filter(|one| one.kind == Kind::Publisher);
+        let gone = publishers.filter(|one| !look.is_there(one)).map(|one| one.id);
+        self.unmet.begin(recorded.into_iter().chain(wanted), gone);
     }
 
     /// Takes in who publishes what is recorded by now.
@@ -239,6 +272,18 @@ impl Graph {
         let missing = || self.unmet.missing(&ended, handed);
         self.inputs.await_arrivals(ON_ITS_WAY, self.means.stall, missing);
         self.unmet.lacking(&ended, handed)
+    }
+
+    /// The publishers of a topic that the ledger has.
+    pub(super) fn known_on<'e>(&self, topic: &'e str, look: &'e Look) -> Vec<Known<'e>> {
+        let all = published_on(topic, &look.endpoints).map(|one| Known {
+            node: &one.node,
+            gid: one.gid,
+            has_published: self.has_published(one),
+            destroyed: one.destroyed,
+            is_there: look.is_there(one),
+        });
+        all.collect()
     }
 
     /// What each recorded topic must have handed on by now at least, of what is published by this
@@ -299,16 +344,4 @@ pub(super) fn published_on<'e>(
     endpoints: &'e [Endpoint],
 ) -> impl Iterator<Item = &'e Endpoint> {
     endpoints.iter().filter(move |one| one.kind == Kind::Publisher && one.topic == topic)
-}
-
-/// The publishers of a topic that the ledger has.
-pub(super) fn known_on<'e>(topic: &'e str, look: &'e Look) -> Vec<Known<'e>> {
-    let all = published_on(topic, &look.endpoints).map(|one| Known {
-        node: &one.node,
-        gid: one.gid,
-        has_published: one.counts.published > 0,
-        destroyed: one.destroyed,
-        is_there: look.is_there(one),
-    });
-    all.collect()
 }

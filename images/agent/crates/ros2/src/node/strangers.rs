@@ -8,7 +8,6 @@ use bagpipe_ros2ledger::{Endpoint, Kind};
 use bagpipe_ros2player::GraphNode;
 
 use super::Graph;
-use super::recorded::known_on;
 use crate::other_types::Types;
 use crate::publishers::unnamed;
 use crate::recording::Input;
@@ -83,7 +82,7 @@ impl Graph {
         let judge = |look: &Look| {
             let others = input.others.lock().unwrap_or_else(PoisonError::into_inner);
             let named = uncounted(&input.topic, &others, &look.endpoints);
-            unnamed(&shown, &known_on(&input.topic, look), &named)
+            unnamed(&shown, &self.known_on(&input.topic, look), &named)
         };
         let by_gid = self.judged(look, judge, |many| many.is_some_and(|many| many > 0));
         by_gid.unwrap_or_else(|| {

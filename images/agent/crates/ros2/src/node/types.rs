@@ -6,7 +6,6 @@ use bagpipe_graph::{GraphError, SystemState};
 use bagpipe_ros2player::{GraphPublisher, GraphTypes};
 
 use super::Graph;
-use super::recorded::known_on;
 use crate::error::failed;
 use crate::other_types::{Differing, Types, differing};
 use crate::recording::Input;
@@ -52,7 +51,7 @@ impl Graph {
 
     /// The publishers of another type. Those that count are taken in. A graph that can't be read is reported by who has
     /// read it before.
-    fn differing(&self, input: &Input, types: &Types, look: &Look) -> Differing {
+    pub(super) fn differing(&self, input: &Input, types: &Types, look: &Look) -> Differing {
         let recorded = &input.publisher.datatype;
         // Most have one type, and those of a thousand topics are not asked for one by one.
         let differs = |of: &GraphTypes| of.count > 1 || of.first != *recorded;
@@ -60,10 +59,12 @@ impl Graph {
             return Differing::default();
         }
         let Ok(others) = self.others_on(&input.topic) else { return Differing::default() };
-        let judge = |look: &Look| differing(&others, recorded, &known_on(&input.topic, look));
+        let judge = |look: &Look| differing(&others, recorded, &self.known_on(&input.topic, look));
+        // From before, so that the play's begin does not come between who is gone and what is taken in.
+        let mut unrecordable = input.unrecordable();
         let found = self.judged(look, judge, |found| found.uncounted > 0);
         for (node, other) in &found.counting {
-            input.unrecordable().insert(format!(
+            unrecordable.insert(format!(
                 "{node} publishes {} as {other}, and it is recorded as {recorded}: a topic has one type",
                 input.topic
             ));
@@ -87,8 +88,8 @@ impl Graph {
         Look::at(self.ledger()).map_or(found, |later| judge(&later))
     }
 
-    /// Takes in once more who publishes what is recorded as another type: a play may be shorter than the looks that it
-    /// takes to be certain.
+    /// Takes in once more who publishes what is recorded as another type, or as what can't be recorded: a play may be
+    /// shorter than the looks that it takes to be certain.
     pub(super) fn look_for_other_types_at_last(&self) {
         for _look in 0..=unnamed::LOOKS {
             // Who can't be read is reported by who has read it before.
@@ -99,6 +100,7 @@ impl Graph {
             for input in self.inputs.all() {
                 let found = self.differing(&input, &types, &look);
                 are |= found.uncounted > 0;
+                self.look_for_unrecordable(&input, &look);
                 input.other_types.look(Instant::now(), || found);
             }
             if !are {

@@ -276,3 +276,66 @@ fn what_is_asked_for_by_its_name_and_can_t_be_recorded_is_missed_though_it_comes
         assert!(text.contains("not_installed_msgs"), "{text}");
     }
 }
+
+/// Plays with a node that has published /talk so before and leaves once it is known to the recorder.
+fn beside_who_left_before(topic: &str) -> Result<Replayed, ReplayError> {
+    let scene = Scene::new();
+    let _talks = scene.start("standin_node", &TALKS);
+    await_topic(&scene, "/talk", 1);
+    std::thread::scope(|scope| {
+        let late = scope.spawn(|| {
+            let known = || {
+                let all = scene.ledger.endpoints().unwrap();
+                all.iter().any(|one| one.node == "/talks" && one.matched == Some(1))
+            };
+            eventually(known);
+            let words = ["--name", "/once", "--pub", topic, "--burst", "3"];
+            let once = scene.start("standin_node", &words);
+            scene.await_published("/talk", 3);
+            std::thread::sleep(Duration::from_millis(700));
+            assert!(once.end());
+            await_topic(&scene, "/talk", 1);
+            scene.start("standin_node", &RELAY)
+        });
+        let played = play(&scene, &["/out", "/talk"], 1000);
+        drop(late.join().unwrap());
+        played
+    })
+}
+
+#[test]
+fn what_can_t_be_recorded_is_not_missed_of_who_has_left_before_the_play() {
+    for topic in [TALK, "/talk:sensor_msgs/msg/Imu:10:best_effort"] {
+        let replayed = beside_who_left_before(topic).unwrap();
+        assert!(recorded(&replayed).iter().all(|one| one.0 == "/out"));
+    }
+}
+
+#[test]
+fn it_is_missed_of_who_is_there_when_the_play_begins_and_leaves_in_it() {
+    for (topic, why) in [
+        (TALK, OTHER_TYPE.replace("publish it", "publishes /talk")),
+        ("/talk:sensor_msgs/msg/Imu:10:best_effort", "publishes /talk as best effort".to_owned()),
+    ] {
+        let scene = Scene::new();
+        let _talks = scene.start("standin_node", &TALKS);
+        await_topic(&scene, "/talk", 1);
+        let mut once = None;
+        let ask = Ask { lead_in: 2000 * MS, record: &["/out", "/talk"], ..REALTIME };
+        let _relay = scene.start("standin_node", &RELAY);
+        let mut left = false;
+        let played = scene.play_while(&recording(&["/in"], 2100, 100), &ask, &mut |progress| {
+            if progress.stage == Stage::LeadIn && once.is_none() && !left {
+                let words = ["--name", "/once", "--pub", topic, "--every-us", "10000"];
+                once = Some(scene.start("standin_node", &words));
+                scene.await_published("/talk", 3);
+            }
+            if progress.stage == Stage::Play {
+                left |= once.take().is_some_and(Node::end);
+            }
+        });
+        assert!(left);
+        let text = missed(played);
+        assert!(text.contains(&format!("/once {why}")), "{text}");
+    }
+}
