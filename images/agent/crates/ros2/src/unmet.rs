@@ -28,6 +28,8 @@ pub(crate) struct Begun {
     before: BTreeMap<EndpointId, u64>,
     /// Those of them that the recorder may not have known.
     strangers: BTreeSet<EndpointId>,
+    /// Those of these that had matched nobody of ours by what they report, beside others that do not count.
+    apart: BTreeSet<EndpointId>,
     /// Those that came later, since when.
     came: BTreeMap<EndpointId, Instant>,
 }
@@ -39,6 +41,8 @@ pub(crate) struct Ended<'e> {
     pub(crate) publishers: Vec<&'e Endpoint>,
     /// Whether some that are there are not known to the recorder.
     pub(crate) has_strangers: bool,
+    /// Whether all that the recorder has matched may be others: those that do not count, and those that report it.
+    pub(crate) has_others_alone: bool,
     pub(crate) at: Instant,
 }
 
@@ -56,6 +60,13 @@ impl Begun {
         begun
     }
 
+    /// The same, with those that were `apart`: what others publish that do not count makes up for none of theirs.
+    pub(crate) fn with_apart(mut self, apart: BTreeSet<EndpointId>) -> Begun {
+        self.strangers.extend(&apart);
+        self.apart = apart;
+        self
+    }
+
     /// What one has published since.
     fn published(&self, one: &Endpoint) -> u64 {
         one.counts.published.saturating_sub(self.before.get(&one.id).copied().unwrap_or(0))
@@ -71,16 +82,18 @@ impl Begun {
     /// How many messages of those lack, once the recorder has been `handed` so many. What others have published
     /// has come; of who came during the play that is not known, unless somebody has stayed a stranger.
     fn missing(&self, ended: &Ended<'_>, handed: u64) -> u64 {
-        let (mut theirs, mut others) = (0, 0);
+        let (mut lost, mut theirs, mut others) = (0, 0, 0);
         for one in &ended.publishers {
-            if self.suspects(one, ended) {
+            if ended.has_others_alone && self.apart.contains(&one.id) {
+                lost += self.published(one);
+            } else if self.suspects(one, ended) {
                 theirs += self.published(one);
             } else if ended.has_strangers || self.before.contains_key(&one.id) {
                 others += self.published(one);
             }
         }
         let came = handed.saturating_sub(self.handed).saturating_sub(others);
-        theirs.saturating_sub(came)
+        lost + theirs.saturating_sub(came)
     }
 
     fn sentence(&self, ended: &Ended<'_>, handed: u64) -> Option<String> {

@@ -214,11 +214,13 @@ impl Graph {
         // A ledger that can't be read fails the next look.
         let Ok(look) = Look::at(self.ledger()) else { return };
         let recorded = self.inputs.all().into_iter().map(|input| {
+            let apart = self.apart(&input, &look);
             let there: Vec<&Endpoint> = look.there(Kind::Publisher, &input.topic).collect();
             let all = input.acquaintance().is_whole() && !self.has_strangers(&input, there.len());
             let known = |one: &&Endpoint| all || input.acquaintance().has_reported(one.id);
             let there = there.into_iter().map(|one| (one, known(&one)));
-            (input.topic.clone(), Begun::new(input.arrivals.handed(), there))
+            let begun = Begun::new(input.arrivals.handed(), there).with_apart(apart);
+            (input.topic.clone(), begun)
         });
         let recorded: Vec<(String, Begun)> = recorded.collect();
         let wanted = self.wanted().clone().into_iter().map(|topic| {
@@ -261,7 +263,10 @@ impl Graph {
                 Ended {
                     topic,
                     publishers: published_on(topic, &look.endpoints).collect(),
-                    has_strangers: input.is_none_or(|input| self.has_strangers(&input, there)),
+                    has_strangers: input
+                        .as_ref()
+                        .is_none_or(|input| self.has_strangers(input, there)),
+                    has_others_alone: input.is_some_and(|input| self.matches_others(&input, &look)),
                     at,
                 }
             })

@@ -1,10 +1,11 @@
 //! Who does not count and is not named for it: programs that are no nodes, and nodes of a name that another has.
 
+use std::collections::BTreeSet;
 use std::sync::PoisonError;
 use std::time::Instant;
 
 use bagpipe_graph::{Publication, SystemState};
-use bagpipe_ros2ledger::{Endpoint, Kind};
+use bagpipe_ros2ledger::{Endpoint, EndpointId, Kind};
 use bagpipe_ros2player::GraphNode;
 
 use super::Graph;
@@ -114,5 +115,43 @@ impl Graph {
             }
             std::thread::sleep(unnamed::EVERY);
         }
+    }
+
+    /// How many publish a recorded topic and do not count, named for it or not; asked for where a look has found some.
+    fn uncounted_on(&self, input: &Input, look: &Look) -> u64 {
+        let are_named = || {
+            let others = input.others.lock().unwrap_or_else(PoisonError::into_inner);
+            !uncounted(&input.topic, &others, &look.endpoints).is_empty()
+        };
+        if !input.unnamed.is_suspected() && !are_named() {
+            return 0;
+        }
+        let Ok(shown) = self.others_on(&input.topic) else { return 0 };
+        let judge = |look: &Look| unnamed(&shown, &self.known_on(&input.topic, look), &[]);
+        self.judged(look, judge, |many| many.is_some_and(|many| many > 0)).unwrap_or_default()
+    }
+
+    /// Whether all publishers that the recorder has matched may be others than those that count and do not report it:
+    /// their messages come all the same, and nobody's own are known by them.
+    pub(super) fn matches_others(&self, input: &Input, look: &Look) -> bool {
+        let uncounted = self.uncounted_on(input, look);
+        let acquaintance = input.acquaintance();
+        let there = look.there(Kind::Publisher, &input.topic);
+        let reporting = there.filter(|one| acquaintance.has_reported(one.id)).count() as u64;
+        drop(acquaintance);
+        let matched = self.means.player.publishers(input.subscription);
+        uncounted > 0 && matched.is_ok_and(|matched| matched <= uncounted + reporting)
+    }
+
+    /// The publishers of a recorded topic that report whom they have matched, and not the recorder, where it may have
+    /// matched others alone.
+    pub(super) fn apart(&self, input: &Input, look: &Look) -> BTreeSet<EndpointId> {
+        if !self.matches_others(input, look) {
+            return BTreeSet::new();
+        }
+        let acquaintance = input.acquaintance();
+        let there = look.there(Kind::Publisher, &input.topic);
+        let apart = |one: &&Endpoint| one.matched.is_some() && !acquaintance.has_reported(one.id);
+        there.filter(apart).map(|one| one.id).collect()
     }
 }

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use bagpipe_replay::{Mode, Progress, ReplayError, Replayed, Stage};
 
+use crate::other_types::await_topic;
 use crate::scene::{Ask, DEFAULT, RELAY, Scene, recorded, recording};
 use crate::standin::{Graph, Node};
 
@@ -136,4 +137,32 @@ fn beside_a_stranger_that_publishes_nothing_whoever_is_recorded_whole_lacks_noth
     let _far = apart.far(&["--name", "/far", "--pub", TALK]);
     let _near = apart.near(&talker("/near", "1000", &[]));
     assert!(recorded(&apart.play(2000, nobody).unwrap()).len() >= 2000);
+}
+
+#[test]
+fn who_publishes_and_does_not_count_makes_up_for_nothing_that_a_stranger_publishes() {
+    // Of the stranger's name, or of one of its own.
+    for near in ["/far", "/near"] {
+        let apart = Apart::new();
+        let _far = apart.far(&talker("/far", "2000", &[]));
+        let _near = apart.scene.start_uncounted("standin_node", &talker(near, "1000", &[]));
+        await_topic(&apart.scene, "/talk", 1);
+        apart.scene.await_published("/talk", 1);
+        let missing = missed(apart.play(3000, nobody), "/far");
+        assert!((1300..3500).contains(&missing), "{missing}");
+    }
+}
+
+#[test]
+fn beside_who_does_not_count_and_does_not_match_whoever_is_recorded_whole_lacks_nothing() {
+    let apart = Apart::new();
+    let _near = apart.near(&talker("/near", "1000", &[]));
+    let best_effort = "/talk:std_msgs/msg/String:10:best_effort";
+    let words = ["--name", "/near", "--pub", best_effort, "--every-us", "1000"];
+    let _namesake = apart.scene.start_uncounted("standin_node", &words);
+    await_topic(&apart.scene, "/talk", 2);
+    let replayed = apart.play(2000, nobody).unwrap();
+    assert!(recorded(&replayed).len() >= 2000);
+    let warnings = replayed.playback.warnings.join("; ");
+    assert!(warnings.contains("publish /talk (at least 1)"), "{warnings}");
 }
