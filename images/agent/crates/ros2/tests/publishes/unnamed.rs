@@ -6,6 +6,7 @@ use bagpipe_replay::Stage;
 
 use crate::other_types::{TALK, TALKS, await_topic, play, play_while};
 use crate::scene::{RELAY, Scene, recorded};
+use crate::standin::Node;
 
 /// What warns of those that publish /talk and do not count, where it is recorded as Imu.
 fn warnings_of(scene: &Scene) -> String {
@@ -91,6 +92,34 @@ fn who_comes_in_the_last_second_of_the_play_is_named() {
         assert_eq!(warnings.matches(" publish").count(), 1, "{warnings}");
         assert!(warnings.contains(warning), "{warnings}");
     }
+}
+
+#[test]
+fn of_a_hundred_topics_each_is_asked_for_in_its_turn() {
+    let scene = Scene::new();
+    let topics: Vec<String> =
+        (0..100).map(|one| format!("/talk_{one}:sensor_msgs/msg/Imu:10:reliable")).collect();
+    let publishes = topics.iter().flat_map(|topic| ["--pub", topic]);
+    let words: Vec<&str> = ["--name", "/talks"].into_iter().chain(publishes).collect();
+    let _talks = scene.start("standin_node", &words);
+    let _relay = scene.start("standin_node", &RELAY);
+    let best_effort = "/talk_70:sensor_msgs/msg/Imu:10:best_effort";
+    let words = ["--name", "/talks", "--pub", best_effort, "--every-us", "1000"];
+    let mut namesake = Some(scene.start_uncounted("standin_node", &words));
+    await_topic(&scene, "/talk_70", 2);
+    let mut since = None;
+    let played = play_while(&scene, &["/out", "/talk_.*"], 6000, |progress| {
+        // It is gone when all topics are asked for at the end.
+        if progress.stage == Stage::Play
+            && since.get_or_insert_with(Instant::now).elapsed() > Duration::from_secs(4)
+        {
+            namesake.take().map(Node::end);
+        }
+    });
+    assert!(namesake.is_none());
+    let warnings = played.unwrap().playback.warnings.join("; ");
+    assert_eq!(warnings.matches("publish /talk_").count(), 1, "{warnings}");
+    assert!(warnings.contains("publish /talk_70 (at least 1)"), "{warnings}");
 }
 
 #[test]
