@@ -3,6 +3,7 @@
 
 use std::cell::Cell;
 use std::collections::BTreeSet;
+use std::io::ErrorKind;
 use std::net::{SocketAddr, TcpStream, ToSocketAddrs};
 use std::thread::{Builder, ScopedJoinHandle};
 use std::time::{Duration, Instant};
@@ -159,8 +160,9 @@ fn look_at(known: &Known, address: &Address) -> Found {
         (Some(pid), Some(before)) if pid != before => Found::Another,
         (Some(_), _) if *uri != known.uri => Found::Another,
         (Some(_), _) => Found::Same,
-        // One that hangs still has its socket: that is for the ledger to say.
-        (None, Some(pid)) if *uri == known.uri && lives(pid) => Found::Same,
+        // One that hangs still has its socket: that is for the ledger to say. One that leaves while the master is
+        // busy may stay registered.
+        (None, Some(pid)) if *uri == known.uri && lives(pid) && listens(uri) => Found::Same,
         (None, None) if *uri == known.uri && is_silent && listens(uri) => Found::Same,
         (None, _) => Found::Unreachable,
     }
@@ -177,11 +179,14 @@ fn stack() -> BTreeSet<i32> {
     descendants(std::process::id(), &[])
 }
 
-/// Whether a process has the socket there, even if it does not answer.
+/// Whether a process has the socket there, even if it does not answer, nor takes more connections.
 fn listens(uri: &str) -> bool {
     let address = uri.trim_start_matches("http://").trim_end_matches('/').to_socket_addrs();
-    let connects = |address: SocketAddr| TcpStream::connect_timeout(&address, ASK).is_ok();
-    address.is_ok_and(|mut found| found.next().is_some_and(connects))
+    let has = |address: SocketAddr| match TcpStream::connect_timeout(&address, ASK) {
+        Ok(_) => true,
+        Err(error) => error.kind() == ErrorKind::TimedOut,
+    };
+    address.is_ok_and(|mut found| found.next().is_some_and(has))
 }
 
 /// The process that answers there, if it is none of ours: the player answers, and the master, so that
@@ -347,6 +352,33 @@ mod tests {
             let found = look(&busy_once(address.to_owned(), method), &known).unwrap();
             assert_eq!(found, [Found::Unreachable; 3], "{method}");
         }
+    }
+
+    #[test]
+    fn a_node_that_lives_without_its_address_has_left_and_one_that_hangs_has_not() {
+        let served = Rosmaster::serve((Ipv4Addr::LOCALHOST, 0).into()).unwrap();
+        let node = Master::new(served.uri(), "/node", ASK).unwrap();
+        // The kernel takes connections, and nobody reads them.
+        let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
+        let uri = format!("http://{}/", listener.local_addr().unwrap());
+        node.register_publisher("/t", "std_msgs/String", &uri).unwrap();
+        let mut process = std::process::Command::new("sleep").arg("60").spawn().unwrap();
+        let pid = i32::try_from(process.id()).ok();
+        let known = [Known { name: "/node".to_owned(), uri, pid, stayed: true }];
+        assert_eq!(look(served.uri(), &known).unwrap(), [Found::Same]);
+        // More than its queue has room for.
+        let kept: Vec<_> = (0..200)
+            .map_while(|_| {
+                let address = listener.local_addr().unwrap();
+                TcpStream::connect_timeout(&address, Duration::from_millis(200)).ok()
+            })
+            .collect();
+        assert!(kept.len() < 200);
+        assert_eq!(look(served.uri(), &known).unwrap(), [Found::Same]);
+        drop((listener, kept));
+        assert_eq!(look(served.uri(), &known).unwrap(), [Found::Unreachable]);
+        process.kill().unwrap();
+        process.wait().unwrap();
     }
 
     #[test]
