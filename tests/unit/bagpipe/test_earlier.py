@@ -19,7 +19,7 @@ from bagpipe.plan.fragments import Window
 from bagpipe.plan.made import Plan, Unplanned
 from bagpipe.run.case_run import Row, unplanned_row
 from bagpipe.spec import EarlierResults
-from bagpipe.storage import Storage
+from bagpipe.storage import Storage, StorageError
 from tests.unit.bagpipe.jobs import make_job, make_row
 
 MISSING = Unplanned("lost", "pvc://recordings/lost.bag", "BagMissing", "no file at lost.bag")
@@ -193,3 +193,15 @@ def test_of_the_rows_of_drivers_that_worked_at_once_the_worst_counts(
         Keeper(Progress(FOLDER), kept, Journal(world.storage, FOLDER, 9)).resume(PLAN)
         assert [row["outcome"] for row in kept.rows() if row["case"] == "b"] == [counts]
     assert bool(world.taken()) == (counts == "passed")
+
+
+def test_results_that_can_t_even_be_looked_for_are_a_refusal(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_arguments: object) -> bool:
+        raise StorageError("the server answers 503")
+
+    world.journal(*ROWS)
+    monkeypatch.setattr(Storage, "exists", refuse)
+    with pytest.raises(CannotResumeError, match="can't be read: the server answers 503"):
+        world.taken()

@@ -52,14 +52,18 @@ def passed_rows(earlier: EarlierResults, planned: Plan, storage: Storage) -> Ite
 
 def _doubted(earlier: EarlierResults, storage: Storage) -> set[str]:
     """Cases against which some row speaks, of results that may have several of one case."""
-    if storage.exists(_committed(earlier)):
+    if _committed(earlier, storage):
         return set()
     return {row["case"] for row in all_rows(earlier, storage) if badness(row)}
 
 
-def _committed(earlier: EarlierResults) -> str:
-    """The results that have one row for each case."""
-    return posixpath.join(earlier.results, "results.jsonl")
+def _committed(earlier: EarlierResults, storage: Storage) -> str:
+    """The results that have one row for each case; empty where there are none."""
+    uri = posixpath.join(earlier.results, "results.jsonl")
+    try:
+        return uri if storage.exists(uri) else ""
+    except StorageError as error:
+        raise _unreadable(earlier, error) from error
 
 
 def _taken_over(row: Row, earlier: EarlierResults) -> Row:
@@ -75,8 +79,7 @@ def _taken_over(row: Row, earlier: EarlierResults) -> Row:
 def all_rows(earlier: EarlierResults, storage: Storage) -> Iterator[Row]:
     """Every row that the earlier job has left, whatever it came to. Raises CannotResumeError."""
     try:
-        uri = _committed(earlier)
-        if storage.exists(uri):
+        if uri := _committed(earlier, storage):
             for number, line in enumerate(storage.open(uri).lines(), start=1):
                 yield read_row(line, uri, number)
             return
@@ -88,7 +91,11 @@ def all_rows(earlier: EarlierResults, storage: Storage) -> Iterator[Row]:
             )
         yield from journal.rows()
     except StorageError as error:
-        raise CannotResumeError(
-            f"the results of job {earlier.job} can't be read: {error}. Make them readable, or"
-            " leave out spec.resumeFrom to run all cases."
-        ) from error
+        raise _unreadable(earlier, error) from error
+
+
+def _unreadable(earlier: EarlierResults, error: StorageError) -> CannotResumeError:
+    return CannotResumeError(
+        f"the results of job {earlier.job} can't be read: {error}. Make them readable, or"
+        " leave out spec.resumeFrom to run all cases."
+    )
