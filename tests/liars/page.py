@@ -19,6 +19,7 @@ MODES = {
     "live": "realtime",
     "stepped": "lockstep",
     "simulated": "lockstep, simulated time",
+    "in-vain": "lockstep, simulated time",
     "simulated-live": "realtime, simulated time",
     "stamped": "lockstep, by stamp",
     "fast": "max",

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 from tests.liars.classes import arithmetic, death, loss, order, silence, time, wrong
 from tests.liars.jobs import (
+    ERROR_IN_VAIN,
     ERROR_LIVE,
     ERROR_SIM,
     LEAD_IN_LIVE,
@@ -122,7 +123,7 @@ _OWN = [
         "clock-only",
         OF,
         "answers by simulated time alone, and takes no poses",
-        ERROR_SIM,
+        ERROR_IN_VAIN,
         _own("clock-only"),
         "errored",
         "NeverSubscribed",
