@@ -129,6 +129,10 @@ struct rmw_endpoint *rcl_publisher_get_rmw_handle(const struct rcl_endpoint *pub
   return publisher->impl;
 }
 
+struct rmw_endpoint *rcl_subscription_get_rmw_handle(const struct rcl_endpoint *subscription) {
+  return subscription->impl;
+}
+
 int rcl_publisher_get_subscription_count(const struct rcl_endpoint *publisher, size_t *count) {
   return rmw_publisher_count_matched_subscriptions(publisher->impl, count);
 }

@@ -83,6 +83,7 @@ int rcl_publisher_fini(struct rcl_endpoint *publisher, struct rcl_node *);
 int rcl_publish_serialized_message(const struct rcl_endpoint *publisher, const struct serialized *,
                                    void *allocation);
 struct rmw_endpoint *rcl_publisher_get_rmw_handle(const struct rcl_endpoint *publisher);
+struct rmw_endpoint *rcl_subscription_get_rmw_handle(const struct rcl_endpoint *subscription);
 int rcl_publisher_get_subscription_count(const struct rcl_endpoint *publisher, size_t *count);
 struct rcl_endpoint_options rcl_subscription_get_default_options(void);
 int rcl_subscription_init(struct rcl_endpoint *subscription, const struct rcl_node *,

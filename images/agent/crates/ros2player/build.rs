@@ -4,9 +4,10 @@ use std::path::PathBuf;
 use std::process::{Command, ExitCode};
 
 /// What both have.
-const SHARED: [&str; 9] = [
+const SHARED: [&str; 10] = [
     "answer.c",
     "control.c",
+    "handles.c",
     "main.c",
     "presence.c",
     "publish.c",

@@ -28,6 +28,12 @@ impl Publishes {
     pub(crate) fn of(counts: &Counts) -> Publishes {
         Publishes { published: counts.published, offered: counts.offered }
     }
+
+    /// So many, of which no call is under way.
+    #[cfg(test)]
+    pub(crate) fn returned(all: u64) -> Publishes {
+        Publishes { published: all, offered: all }
+    }
 }
 
 /// One publisher.
@@ -100,7 +106,7 @@ mod tests {
 
     /// Of publishers of which no call is under way.
     fn publishes<const N: usize>(now: [(u32, u64); N]) -> impl Iterator<Item = (u32, Publishes)> {
-        now.into_iter().map(|(id, all)| (id, Publishes { published: all, offered: all }))
+        now.into_iter().map(|(id, all)| (id, Publishes::returned(all)))
     }
 
     /// An account after looks at one publisher that knows us, each with what was published and handed.

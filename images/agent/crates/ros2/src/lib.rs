@@ -16,6 +16,7 @@
 
 mod absence;
 mod account;
+mod accounts;
 mod acquaintance;
 mod arrivals;
 mod audit;

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use bagpipe_graph::{Incoming, Publisher, Sink};
 use bagpipe_ros2player::{Qos, Received, SubscriptionId};
 
-use crate::account::Account;
+use crate::accounts::Accounts;
 use crate::acquaintance::Acquaintance;
 use crate::arrivals::Arrivals;
 use crate::clock::source_now;
@@ -33,7 +33,7 @@ pub(crate) struct Input {
     pub(crate) publisher: Publisher,
     link: u64,
     pub(crate) arrivals: Arrivals,
-    account: Mutex<Account>,
+    accounts: Mutex<Accounts>,
     acquaintance: Mutex<Acquaintance>,
     /// Whose messages can't be recorded, as sentences.
     unrecordable: Mutex<BTreeSet<String>>,
@@ -46,8 +46,8 @@ pub(crate) struct Input {
 }
 
 impl Input {
-    pub(crate) fn account(&self) -> MutexGuard<'_, Account> {
-        self.account.lock().unwrap_or_else(PoisonError::into_inner)
+    pub(crate) fn accounts(&self) -> MutexGuard<'_, Accounts> {
+        self.accounts.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     pub(crate) fn unrecordable(&self) -> MutexGuard<'_, BTreeSet<String>> {
@@ -87,7 +87,7 @@ impl Inputs {
             link: all.len() as u64,
             arrivals: Arrivals::default(),
             acquaintance: Mutex::default(),
-            account: Mutex::default(),
+            accounts: Mutex::default(),
             unrecordable: Mutex::default(),
             others: Mutex::default(),
             unnamed: Unnamed::default(),
@@ -205,7 +205,7 @@ impl Inputs {
         };
         let Input { topic, publisher, link, .. } = &*input;
         sink.message(Incoming { topic, publisher, link: *link, data: received.data });
-        input.arrivals.add(received.source_timestamp, source_now());
+        input.arrivals.add(received.publisher, received.source_timestamp, source_now());
     }
 }
 

@@ -8,6 +8,8 @@ use std::time::{Duration, Instant};
 
 use bagpipe_ros2ledger::{Endpoint, EndpointId};
 
+use crate::arrivals::Handed;
+
 /// Who came during the play may publish for so long before it and the recorder know each other.
 const LATE: Duration = Duration::from_secs(2);
 
@@ -23,7 +25,7 @@ pub(crate) struct Unmet {
 #[derive(Debug, Default)]
 pub(crate) struct Begun {
     /// Messages that the recorder had been handed by then.
-    handed: u64,
+    handed: Handed,
     /// What each publisher had published by then that was there.
     before: BTreeMap<EndpointId, u64>,
     /// Those of them that the recorder may not have known.
@@ -49,7 +51,10 @@ pub(crate) struct Ended<'e> {
 impl Begun {
     /// A topic of which the recorder was `handed` so many, and whose publishers are `there`, each with whether the
     /// recorder knows it for certain.
-    pub(crate) fn new<'e>(handed: u64, there: impl Iterator<Item = (&'e Endpoint, bool)>) -> Begun {
+    pub(crate) fn new<'e>(
+        handed: Handed,
+        there: impl Iterator<Item = (&'e Endpoint, bool)>,
+    ) -> Begun {
         let mut begun = Begun { handed, ..Begun::default() };
         for (one, known) in there {
             begun.before.insert(one.id, one.counts.published);
@@ -81,7 +86,7 @@ impl Begun {
 
     /// How many messages of those lack, once the recorder has been `handed` so many. What others have published
     /// has come; of who came during the play that is not known, unless somebody has stayed a stranger.
-    fn missing(&self, ended: &Ended<'_>, handed: u64) -> u64 {
+    fn missing(&self, ended: &Ended<'_>, handed: &Handed) -> u64 {
         let (mut lost, mut theirs, mut others) = (0, 0, 0);
         for one in &ended.publishers {
             if ended.has_others_alone && self.apart.contains(&one.id) {
@@ -92,11 +97,24 @@ impl Begun {
                 others += self.published(one);
             }
         }
-        let came = handed.saturating_sub(self.handed).saturating_sub(others);
-        lost + theirs.saturating_sub(came)
+        let came = handed.all.saturating_sub(self.handed.all).saturating_sub(others);
+        (lost + theirs.saturating_sub(came)).max(self.missing_of_each(ended, handed))
     }
 
-    fn sentence(&self, ended: &Ended<'_>, handed: u64) -> Option<String> {
+    /// The same of those that are known by their GIDs: what others publish stands for none of theirs. A message whose
+    /// publisher is not known may be anybody's.
+    fn missing_of_each(&self, ended: &Ended<'_>, handed: &Handed) -> u64 {
+        let suspects = ended.publishers.iter().filter(|one| self.suspects(one, ended));
+        let lacks = suspects.filter_map(|one| {
+            let gid = one.gid?;
+            let came = handed.of(&gid).saturating_sub(self.handed.of(&gid));
+            Some(self.published(one).saturating_sub(came))
+        });
+        let of_nobody = handed.of_nobody().saturating_sub(self.handed.of_nobody());
+        lacks.sum::<u64>().saturating_sub(of_nobody)
+    }
+
+    fn sentence(&self, ended: &Ended<'_>, handed: &Handed) -> Option<String> {
         let missing = self.missing(ended, handed);
         let theirs = |one: &&&Endpoint| self.suspects(one, ended) && self.published(one) > 0;
         let nodes = ended.publishers.iter().filter(theirs).map(|one| one.node.as_str());
@@ -152,18 +170,22 @@ impl Unmet {
     }
 
     /// How many messages lack of all topics, of each of which the recorder was `handed` so many.
-    pub(crate) fn missing(&self, ended: &[Ended<'_>], handed: impl Fn(&str) -> u64) -> u64 {
+    pub(crate) fn missing(&self, ended: &[Ended<'_>], handed: impl Fn(&str) -> Handed) -> u64 {
         let topics = self.topics();
         let missing = |one: &Ended<'_>| {
-            topics.get(one.topic).map_or(0, |begun| begun.missing(one, handed(one.topic)))
+            topics.get(one.topic).map_or(0, |begun| begun.missing(one, &handed(one.topic)))
         };
         ended.iter().map(missing).sum()
     }
 
     /// The same as sentences, one for each topic of which some lack.
-    pub(crate) fn lacking(&self, ended: &[Ended<'_>], handed: impl Fn(&str) -> u64) -> Vec<String> {
+    pub(crate) fn lacking(
+        &self,
+        ended: &[Ended<'_>],
+        handed: impl Fn(&str) -> Handed,
+    ) -> Vec<String> {
         let topics = self.topics();
-        let sentence = |one: &Ended<'_>| topics.get(one.topic)?.sentence(one, handed(one.topic));
+        let sentence = |one: &Ended<'_>| topics.get(one.topic)?.sentence(one, &handed(one.topic));
         ended.iter().filter_map(sentence).collect()
     }
 }

@@ -5,11 +5,12 @@
 #include <stdint.h>
 
 #define PLAYER_MAGIC 0x31594c5047474142ull /* "BAGGPLY1" */
-#define PLAYER_VERSION 1u
+#define PLAYER_VERSION 2u
 #define PLAYER_ENDPOINTS 1024u /* of each kind */
 #define PLAYER_STATES 64u      /* nodes whose state is asked for */
-#define PLAYER_ALIGNMENT 16u   /* of a record in its ring */
+#define PLAYER_ALIGNMENT 32u   /* of a record in its ring */
 #define PLAYER_RINGS 65536u    /* where the first ring begins: a page of any size */
+#define GID_BYTES 16
 
 enum record_kind {
   RECORD_MESSAGE,
@@ -24,6 +25,7 @@ struct player_record {
   uint16_t endpoint;
   uint16_t kind;
   int64_t stamp; /* the source's, in ns since 1970; out: 0 */
+  uint8_t publisher[GID_BYTES]; /* its GID, as the graph has it; 0s where that is not known, and out */
 };
 
 /* Bytes that were ever written and read; a futex for each side, which is 1 while it sleeps. */

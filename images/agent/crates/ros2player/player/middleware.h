@@ -6,9 +6,9 @@
 #include <stdint.h>
 
 #include "answer.h"
+#include "layout.h"
 
 #define REASON_MOST 512 /* bytes of a sentence, with its 0 */
-#define GID_BYTES 16
 
 /* Quality of service by rmw's numbers. */
 struct qos {
@@ -33,6 +33,7 @@ struct taken {
   const uint8_t *bytes;
   size_t length;
   int64_t stamp; /* the source's, in ns since 1970 */
+  uint8_t publisher[GID_BYTES]; /* its GID, as the graph has it; 0s where the middleware does not say */
 };
 
 enum took { TOOK_ONE, TOOK_NOTHING, TOOK_TROUBLE };

@@ -115,20 +115,19 @@ static bool in_room(uint64_t wanted) {
   return false;
 }
 
-bool in_write(uint16_t endpoint, uint16_t kind, int64_t stamp, const void *bytes, size_t length) {
+bool in_write(struct player_record record, const void *bytes) {
   struct player_ring *in = &memory->in;
-  struct player_record record = {(uint32_t)length, endpoint, kind, stamp};
-  uint64_t whole = sizeof record + padded(length);
+  uint64_t whole = sizeof record + padded(record.length);
   uint64_t behind = room - (in_head & (room - 1));
   uint64_t padding = whole > behind ? behind : 0;
   if (!in_room(whole + padding)) return false;
   if (padding != 0) {
-    struct player_record pad = {(uint32_t)(padding - sizeof pad), 0, RECORD_PAD, 0};
+    struct player_record pad = {.length = (uint32_t)(padding - sizeof pad), .kind = RECORD_PAD};
     memcpy(at(1, in_head), &pad, sizeof pad);
   }
   uint8_t *place = at(1, in_head + padding);
   memcpy(place, &record, sizeof record);
-  if (length != 0) memcpy(place + sizeof record, bytes, length);
+  if (record.length != 0) memcpy(place + sizeof record, bytes, record.length);
   in_head += padding + whole;
   atomic_store(&in->head, in_head);
   wake(&in->reader_sleeps);

@@ -22,8 +22,8 @@ bool out_follows(uint16_t endpoint);
 /* Gives the room of what `out_next` returned back. */
 void out_done(void);
 
-/* Puts a record into `in`; waits for room. False at the end. */
-bool in_write(uint16_t endpoint, uint16_t kind, int64_t stamp, const void *bytes, size_t length);
+/* Puts a record into `in`, with as many bytes as it has; waits for room. False at the end. */
+bool in_write(struct player_record record, const void *bytes);
 
 /* The longest message that a ring takes. */
 size_t ring_most(void);

@@ -36,23 +36,41 @@ void subscription_matched(uint32_t slot, struct answer *into) {
   }
 }
 
+/* Hands over why a subscription, or all of them, gives no more; false at the end. */
+static bool write_failure(uint16_t slot, int64_t number, const char *reason) {
+  struct player_record record = {
+      .length = (uint32_t)strlen(reason), .endpoint = slot, .kind = RECORD_FAILED, .stamp = number};
+  return in_write(record, reason);
+}
+
+/* Hands over a message, or how long one is that no ring takes; false at the end. */
+static bool write_message(uint16_t slot, const struct taken *taken) {
+  struct player_record record = {.endpoint = slot};
+  if (taken->length > ring_most()) {
+    record.kind = RECORD_TOO_LARGE;
+    record.stamp = (int64_t)taken->length;
+    return in_write(record, NULL);
+  }
+  record.kind = RECORD_MESSAGE;
+  record.length = (uint32_t)taken->length;
+  record.stamp = taken->stamp;
+  memcpy(record.publisher, taken->publisher, GID_BYTES);
+  return in_write(record, taken->bytes);
+}
+
 /* Takes a round of messages; false at the end. */
 static bool take(uint32_t slot) {
   for (int round = 0; round < ROUND; round++) {
-    struct taken taken = {NULL, 0, 0};
+    struct taken taken = {NULL, 0, 0, {0}};
     char reason[REASON_MOST] = "";
     switch (subscription_take(slot, &taken, reason)) {
       case TOOK_NOTHING: return true;
       case TOOK_TROUBLE:
         set_live(slot, false);
-        return in_write((uint16_t)slot, RECORD_FAILED, taken.stamp, reason, strlen(reason));
+        return write_failure((uint16_t)slot, taken.stamp, reason);
       case TOOK_ONE: break;
     }
-    bool fits = taken.length <= ring_most();
-    bool written =
-        fits ? in_write((uint16_t)slot, RECORD_MESSAGE, taken.stamp, taken.bytes, taken.length)
-             : in_write((uint16_t)slot, RECORD_TOO_LARGE, (int64_t)taken.length, NULL, 0);
-    if (!written) return false;
+    if (!write_message((uint16_t)slot, &taken)) return false;
     atomic_fetch_add(&memory->subscription[slot].taken, 1);
   }
   return true;
@@ -84,7 +102,7 @@ void *take_all(void *unused) {
   (void)unused;
   char reason[REASON_MOST] = "";
   while (!atomic_load(&ending) && turn(reason)) continue;
-  if (!atomic_load(&ending)) in_write(UINT16_MAX, RECORD_FAILED, 0, reason, strlen(reason));
+  if (!atomic_load(&ending)) write_failure(UINT16_MAX, 0, reason);
   messages_leave();
   thread_ends();
   return NULL;

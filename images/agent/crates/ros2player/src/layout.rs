@@ -5,13 +5,13 @@ use std::sync::atomic::{AtomicU32, AtomicU64};
 
 /// `BAGGPLY1`.
 pub(crate) const MAGIC: u64 = 0x3159_4c50_4747_4142;
-pub(crate) const VERSION: u32 = 1;
+pub(crate) const VERSION: u32 = 2;
 /// Publishers, and as many subscriptions.
 pub(crate) const ENDPOINTS: usize = 1024;
 /// Nodes whose state is asked for.
 pub(crate) const STATES: usize = 64;
 /// Of a record in its ring, in bytes.
-pub(crate) const ALIGNMENT: u64 = 16;
+pub(crate) const ALIGNMENT: u64 = 32;
 /// Where the first ring begins.
 pub(crate) const RINGS: usize = 65536;
 
@@ -57,29 +57,34 @@ pub(crate) struct Header {
     pub(crate) subscription: [Subscription; ENDPOINTS],
 }
 
-/// What stands before each message, as two numbers of 64 bits.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// What stands before each message, as four numbers of 64 bits.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Record {
     /// Of the bytes that follow.
     pub(crate) length: u32,
     pub(crate) endpoint: u16,
     pub(crate) kind: u16,
     pub(crate) stamp: i64,
+    /// The GID of who published it; 0s where that is not known, and of what is to be published.
+    pub(crate) publisher: [u8; 16],
 }
 
 impl Record {
-    pub(crate) fn from_words([first, stamp]: [u64; 2]) -> Record {
+    pub(crate) fn from_words([first, stamp, gid, rest]: [u64; 4]) -> Record {
         Record {
             length: first as u32,
             endpoint: (first >> 32) as u16,
             kind: (first >> 48) as u16,
             stamp: stamp.cast_signed(),
+            publisher: (u128::from(rest) << 64 | u128::from(gid)).to_le_bytes(),
         }
     }
 
-    pub(crate) fn words(self) -> [u64; 2] {
+    pub(crate) fn words(self) -> [u64; 4] {
         let upper = u64::from(self.kind) << 16 | u64::from(self.endpoint);
-        [upper << 32 | u64::from(self.length), self.stamp.cast_unsigned()]
+        let gid = u128::from_le_bytes(self.publisher);
+        let (gid, rest) = (gid as u64, (gid >> 64) as u64);
+        [upper << 32 | u64::from(self.length), self.stamp.cast_unsigned(), gid, rest]
     }
 }
 
@@ -132,16 +137,17 @@ mod tests {
         ("RECORD_PAD", RECORD_PAD as u64),
         ("RECORD_TOO_LARGE", RECORD_TOO_LARGE as u64),
         ("RECORD_FAILED", RECORD_FAILED as u64),
-        ("sizeof(struct player_record)", 16),
+        ("sizeof(struct player_record)", 32),
     ];
 
-    /// A record as C has it, as the two numbers of Rust.
+    /// A record as C has it, as the four numbers of Rust.
     const RECORD: &str = "
         int main(void) {
-          struct player_record record = {0x01234567, 0x89ab, 0xcdef, -2};
-          unsigned long long words[2];
+          struct player_record record = {0x01234567, 0x89ab, 0xcdef, -2, {1, 2, [9] = 3}};
+          unsigned long long words[4];
           memcpy(words, &record, sizeof words);
-          return words[0] != 0xcdef89ab01234567ull || words[1] != -2ull;
+          return words[0] != 0xcdef89ab01234567ull || words[1] != -2ull ||
+                 words[2] != 0x0201ull || words[3] != 0x0300ull;
         }";
 
     #[test]
@@ -171,8 +177,11 @@ mod tests {
         assert!(Command::new(&program).status().unwrap().success());
         std::fs::remove_file(&file).unwrap();
         std::fs::remove_file(&program).unwrap();
-        let record = Record { length: 0x0123_4567, endpoint: 0x89ab, kind: 0xcdef, stamp: -2 };
-        assert_eq!(record.words(), [0xcdef_89ab_0123_4567, u64::MAX - 1]);
+        let mut publisher = [0; 16];
+        (publisher[0], publisher[1], publisher[9]) = (1, 2, 3);
+        let (length, endpoint, kind) = (0x0123_4567, 0x89ab, 0xcdef);
+        let record = Record { length, endpoint, kind, stamp: -2, publisher };
+        assert_eq!(record.words(), [0xcdef_89ab_0123_4567, u64::MAX - 1, 0x0201, 0x0300]);
         assert_eq!(Record::from_words(record.words()), record);
     }
 }

@@ -108,17 +108,16 @@ impl Memory {
         }
     }
 
-    /// The two numbers of a record's head; panics unless it is aligned and in the ring.
-    fn head(&self, which: Which, position: u64) -> &[AtomicU64; 2] {
+    /// The four numbers of a record's head; panics unless it is aligned and in the ring.
+    fn head(&self, which: Which, position: u64) -> &[AtomicU64; 4] {
         assert!(position.is_multiple_of(ALIGNMENT));
-        let at = self.checked(which, position, size_of::<[AtomicU64; 2]>());
-        // SAFETY: within the mapping and aligned to 16 bytes, any of which are an atomic's.
+        let at = self.checked(which, position, size_of::<[AtomicU64; 4]>());
+        // SAFETY: within the mapping and aligned to 32 bytes, any of which are an atomic's.
         unsafe { &*self.start.as_ptr().add(at).cast() }
     }
 
     pub(crate) fn record(&self, which: Which, position: u64) -> Record {
-        let [first, second] = self.head(which, position);
-        Record::from_words([first.load(Relaxed), second.load(Relaxed)])
+        Record::from_words(self.head(which, position).each_ref().map(|word| word.load(Relaxed)))
     }
 
     pub(crate) fn set_record(&self, which: Which, position: u64, record: Record) {

@@ -188,7 +188,8 @@ impl Player {
             let (length, most) = (length as u64, most as u64);
             return Err(PlayerError::TooLarge { topic: self.topic(publisher)?, length, most });
         }
-        Ok(Record { length: length as u32, endpoint: publisher.0, kind: RECORD_MESSAGE, stamp: 0 })
+        let (length, endpoint) = (length as u32, publisher.0);
+        Ok(Record { length, endpoint, kind: RECORD_MESSAGE, ..Record::default() })
     }
 
     /// How many messages of it the middleware has taken. One may be received before it is counted

@@ -17,6 +17,9 @@ pub struct Received<'ring> {
     /// When its publisher published it by its own clock, in nanoseconds since 1970; 0 where the
     /// middleware does not say.
     pub source_timestamp: i64,
+    /// The GID of its publisher as the graph has it; `None` where the middleware does not say, or its
+    /// publisher had left before its first message was taken.
+    pub publisher: Option<[u8; 16]>,
     /// The serialised message with its encapsulation header, where it stands in the ring. Who has
     /// this memory as well can change it meanwhile: copy it before it is judged.
     pub data: &'ring [u8],
@@ -71,8 +74,12 @@ impl Player {
                     let what = format!("a message of subscription {}", record.endpoint);
                     return Err(taken.damage(&self.memory, what));
                 }
-                let subscription = SubscriptionId(record.endpoint);
-                into(Received { subscription, source_timestamp: record.stamp, data });
+                into(Received {
+                    subscription: SubscriptionId(record.endpoint),
+                    source_timestamp: record.stamp,
+                    publisher: (record.publisher != [0; 16]).then_some(record.publisher),
+                    data,
+                });
             }
             let trouble = (record.kind != RECORD_MESSAGE).then(|| self.trouble(record, data));
             taken.done(&self.memory, record);

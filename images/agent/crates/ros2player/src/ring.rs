@@ -78,7 +78,7 @@ impl Writer {
         }
         if padding > 0 {
             let length = (padding - HEAD) as u32;
-            let pad = Record { length, endpoint: 0, kind: RECORD_PAD, stamp: 0 };
+            let pad = Record { length, kind: RECORD_PAD, ..Record::default() };
             memory.set_record(self.which, self.head, pad);
         }
         let start = self.head + padding;
@@ -266,7 +266,8 @@ mod tests {
     }
 
     fn record(length: usize, stamp: i64) -> Record {
-        Record { length: length as u32, endpoint: 3, kind: RECORD_MESSAGE, stamp }
+        let publisher = [stamp as u8; 16];
+        Record { length: length as u32, endpoint: 3, kind: RECORD_MESSAGE, stamp, publisher }
     }
 
     /// Sleeps for ten seconds at the most, which would be a wake that is lost.
@@ -401,13 +402,13 @@ mod tests {
         let start = RINGS + ROOM;
         for (position, found, place, sentence) in [
             (8, record(0, 0), head, "8 bytes were written, and 0 read"),
-            (ROOM as u64 + 16, record(0, 0), head, "65552 bytes were written"),
-            (u64::MAX - 15, record(0, 0), head, "bytes were written, and 0 read"),
-            (16, record(1, 0), start, "a record of 1 bytes"),
-            (32, record(17, 0), start, "a record of 17 bytes"),
-            (32, record(u32::MAX as usize, 0), start, "a record of 4294967295 bytes"),
-            (32, Record { kind: 4, ..record(0, 0) }, start, "4 is no kind of record"),
-            (32, Record { kind: RECORD_PAD, ..record(40, 0) }, start, "a record of 40 bytes"),
+            (ROOM as u64 + 32, record(0, 0), head, "65568 bytes were written"),
+            (u64::MAX - 31, record(0, 0), head, "bytes were written, and 0 read"),
+            (32, record(1, 0), start, "a record of 1 bytes"),
+            (64, record(33, 0), start, "a record of 33 bytes"),
+            (64, record(u32::MAX as usize, 0), start, "a record of 4294967295 bytes"),
+            (64, Record { kind: 4, ..record(0, 0) }, start, "4 is no kind of record"),
+            (64, Record { kind: RECORD_PAD, ..record(40, 0) }, start, "a record of 40 bytes"),
         ] {
             let memory = Memory::new(ROOM).unwrap();
             memory.set_record(Which::In, 0, found);
@@ -427,12 +428,12 @@ mod tests {
             let (found, _) = reader.next(&memory).unwrap().unwrap();
             reader.done(&memory, found);
         }
-        memory.in_.head.store(16, SeqCst);
-        assert!(refusal(&memory, &mut reader).1.contains("16 bytes were written, and 32 read"));
-        for tail in [48, u64::MAX] {
+        memory.in_.head.store(32, SeqCst);
+        assert!(refusal(&memory, &mut reader).1.contains("32 bytes were written, and 64 read"));
+        for tail in [96, u64::MAX] {
             memory.in_.tail.store(tail, SeqCst);
             let error = writer.write(&memory, record(0, 0), &[]).unwrap_err().to_string();
-            assert!(error.contains(&format!("{tail} bytes were read of 32")), "{error}");
+            assert!(error.contains(&format!("{tail} bytes were read of 64")), "{error}");
         }
     }
 
@@ -444,17 +445,17 @@ mod tests {
             let memory = Memory::new(ROOM).unwrap();
             // What is plausible gets further than noise.
             let mut at = 0;
-            while at < 256 {
+            while at < 512 {
                 let words = Record {
                     length: (chance.next() % 64) as u32,
                     endpoint: chance.next() as u16,
                     kind: (chance.next() % 5) as u16,
-                    stamp: 0,
+                    ..Record::default()
                 };
                 memory.set_record(Which::In, at, words);
                 at += ALIGNMENT * (1 + chance.next() % 4);
             }
-            memory.in_.head.store(chance.next() % 20 * 16 + chance.next() % 30 / 29, SeqCst);
+            memory.in_.head.store(chance.next() % 20 * ALIGNMENT + chance.next() % 30 / 29, SeqCst);
             let mut reader = Reader::new(Which::In);
             let mut all = || {
                 reader.look(&memory)?;

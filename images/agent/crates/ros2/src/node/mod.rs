@@ -18,6 +18,7 @@ use bagpipe_ros2ledger::{Flow, Ledger, LedgerError};
 use bagpipe_ros2player::{Player, Reliability};
 
 use self::others::Around;
+use crate::arrivals::Handed;
 use crate::audit::Reader;
 use crate::definition::otherwise_installed;
 use crate::error::failed;
@@ -111,7 +112,7 @@ impl Graph {
         self.inputs.lives.ask(&self.means.player)?;
         // Before what was published is read, so that what comes meanwhile is missing for a moment.
         let inputs = self.inputs.all();
-        let handed: Vec<u64> = inputs.iter().map(|input| input.arrivals.handed()).collect();
+        let handed: Vec<Handed> = inputs.iter().map(|input| input.arrivals.handed()).collect();
         let Around { nodes, look, state } = self.look_around()?;
         self.must_be_alone(&nodes);
         let all_count = all_count(&look.endpoints, &nodes, &self.name);
@@ -130,7 +131,7 @@ impl Graph {
         let subscribed = self.subscribe_to_wanted(&types, &look.endpoints);
         for (input, handed) in inputs.iter().zip(handed) {
             self.note_others(input, &nodes, &state);
-            self.compare(input, handed, &look);
+            self.compare(input, &handed, &look);
             self.look_for_other_types(input, &types, &look);
         }
         self.look_for_unnamed(&nodes, &types, &look);
@@ -241,14 +242,14 @@ impl Node for Graph {
         }
         // Nor can what lacks then be known: it is reported.
         let Ok(due) = self.due() else { return };
-        let missing = || due.iter().map(|(input, due)| input.arrivals.missing(*due)).sum();
+        let missing = || due.iter().map(|(input, due)| input.arrivals.missing(due)).sum();
         let exact = self.means.paced_by == PacedBy::Subscribers;
         let first = exact && !self.lacked.load(Ordering::Relaxed);
         let limit = if first { limit.max(recorded::ON_ITS_WAY) } else { limit };
         // What did not come then is lacking: nothing after it is waited for as long, nor it again.
         if !self.inputs.await_arrivals(limit, self.means.stall, missing) {
             self.lacked.store(true, Ordering::Relaxed);
-            due.iter().for_each(|(input, due)| input.arrivals.give_up(*due));
+            due.iter().for_each(|(input, due)| input.arrivals.give_up(due));
         }
     }
 
@@ -281,16 +282,9 @@ impl Node for Graph {
         for (input, due) in &due {
             lacking.extend(input.unrecordable().iter().cloned());
             lacking.extend(input.other_types.lacking(&input.topic, &input.publisher.datatype));
-            let (handed, published) = (input.arrivals.handed_by_mark(), input.account().offered());
-            lacking.extend(self.own(input, handed.saturating_sub(published)));
-            let missing = due.saturating_sub(handed);
-            if missing > 0 {
-                lacking.push(format!(
-                    "{missing} messages of {} did not reach the recorder, which has {handed} of \
-                     {published} published",
-                    input.topic
-                ));
-            }
+            let (handed, published) = (input.arrivals.handed_by_mark(), input.accounts().offered());
+            lacking.extend(self.own(input, handed.all.saturating_sub(published)));
+            lacking.extend(due.lacking(&input.topic, &handed, published));
         }
         lacking.sort();
         lacking

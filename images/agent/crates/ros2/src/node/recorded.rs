@@ -10,7 +10,8 @@ use bagpipe_ros2player::{GraphPublisher, Qos};
 
 use super::Graph;
 use super::others::{AGAIN, UNLISTED};
-use crate::account::Publishes;
+use crate::accounts::{Due, Publishing};
+use crate::arrivals::Handed;
 use crate::clock::source_now;
 use crate::definition::{installed, schema_encoding};
 use crate::error::failed;
@@ -123,11 +124,10 @@ impl Graph {
     }
 
     /// Takes in what was published on a recorded topic and handed on, by now.
-    pub(super) fn compare(&self, input: &Input, handed: u64, look: &Look) {
-        let all = || published_on(&input.topic, &look.endpoints);
+    pub(super) fn compare(&self, input: &Input, handed: &Handed, look: &Look) {
         let met = self.met(input, look);
-        let now = all().map(|one| (one.id, Publishes::of(&one.counts)));
-        input.account().look(now, handed, |one| met.contains(one));
+        let now: Vec<_> = published_on(&input.topic, &look.endpoints).map(Publishing::of).collect();
+        input.accounts().look(&now, handed, &met);
         self.look_for_unrecordable(input, look);
     }
 
@@ -196,7 +196,7 @@ impl Graph {
         acquaintance.look(Instant::now(), reported, subscribed);
         let all = || published_on(&input.topic, &look.endpoints).map(|one| one.id);
         // The player is asked no more once all have met.
-        if !input.account().has_strangers(all()) {
+        if !input.accounts().has_strangers(all()) {
             return BTreeSet::new();
         }
         let known = self.means.player.publishers(input.subscription).unwrap_or_default();
@@ -225,7 +225,7 @@ impl Graph {
         let recorded: Vec<(String, Begun)> = recorded.collect();
         let wanted = self.wanted().clone().into_iter().map(|topic| {
             let there = look.there(Kind::Publisher, &topic).map(|one| (one, false));
-            let begun = Begun::new(0, there);
+            let begun = Begun::new(Handed::default(), there);
             (topic, begun)
         });
         let publishers = look.endpoints.iter().filter(|one| one.kind == Kind::Publisher);
@@ -271,8 +271,9 @@ impl Graph {
                 }
             })
             .collect();
-        let handed =
-            |topic: &str| self.inputs.of(topic).map_or(0, |one| one.arrivals.handed_by_mark());
+        let handed = |topic: &str| {
+            self.inputs.of(topic).map(|one| one.arrivals.handed_by_mark()).unwrap_or_default()
+        };
         // What went out just then is on its way.
         let missing = || self.unmet.missing(&ended, handed);
         self.inputs.await_arrivals(ON_ITS_WAY, self.means.stall, missing);
@@ -293,8 +294,8 @@ impl Graph {
 
     /// What each recorded topic must have handed on by now at least, of what is published by this
     /// moment.
-    pub(super) fn due(&self) -> Result<Vec<(Arc<Input>, u64)>, GraphError> {
-        let all: Vec<(Arc<Input>, u64)> = self
+    pub(super) fn due(&self) -> Result<Vec<(Arc<Input>, Due)>, GraphError> {
+        let all: Vec<(Arc<Input>, Handed)> = self
             .inputs
             .all()
             .into_iter()
@@ -304,13 +305,14 @@ impl Graph {
         let due = all.into_iter().map(|(input, handed)| {
             // Once more, as all endpoints take a while: what is published between its publisher's count and
             // the mark is not due, and would stand for what is lost.
-            let again = |one: &Endpoint| self.ledger().counts(one.id).unwrap_or(one.counts);
-            let now = published_on(&input.topic, &endpoints);
-            let now: Vec<_> = now.map(|one| (one.id, Publishes::of(&again(one)))).collect();
+            let counts = |one: &Endpoint| self.ledger().counts(one.id).unwrap_or(one.counts);
+            let again = |one: &Endpoint| Endpoint { counts: counts(one), ..one.clone() };
+            let all: Vec<_> = published_on(&input.topic, &endpoints).map(again).collect();
+            let now: Vec<_> = all.iter().map(Publishing::of).collect();
             // Behind the counts: whoever publishes counts it after its message has a stamp.
             input.arrivals.mark(source_now);
-            input.account().look(now.into_iter(), handed, |_| false);
-            let due = input.account().due();
+            input.accounts().look(&now, &handed, &BTreeSet::new());
+            let due = input.accounts().due();
             (input, due)
         });
         Ok(due.collect())
@@ -318,20 +320,20 @@ impl Graph {
 
     /// What was due at the end, once it has come or was waited for. What is published by a call that is under
     /// way may have come and is not due: it may stand for one that is lost, of several looks hardly at each.
-    pub(super) fn due_at_last(&self) -> Result<Vec<(Arc<Input>, u64)>, GraphError> {
+    pub(super) fn due_at_last(&self) -> Result<Vec<(Arc<Input>, Due)>, GraphError> {
         let mut look = 0;
         loop {
             look += 1;
             let due = self.due()?;
             // What goes out at this moment is on its way.
             let missing = || {
-                let lacks = |(input, due): &(Arc<Input>, u64)| {
-                    due.saturating_sub(input.arrivals.handed_by_mark())
+                let lacks = |(input, due): &(Arc<Input>, Due)| {
+                    due.missing(&input.arrivals.handed_by_mark())
                 };
                 due.iter().map(lacks).sum()
             };
             let whole = self.inputs.await_arrivals(ON_ITS_WAY, self.means.stall, missing);
-            let under_way = due.iter().any(|(input, _)| input.account().is_under_way());
+            let under_way = due.iter().any(|(input, _)| input.accounts().is_under_way());
             if !whole || look == MOST_LOOKS || (look >= LOOKS && !under_way) {
                 return Ok(due);
             }

@@ -26,8 +26,9 @@ fn missed(played: Result<Replayed, ReplayError>, nodes: &str) -> u64 {
     };
     assert_eq!(error.reason(), "RecordingIncomplete");
     let text = error.to_string();
-    assert!(text.contains(&format!("recorder, which {nodes} did not know")), "{text}");
-    let (before, _) = text.split_once(" messages of /talk did not reach the recorder").unwrap();
+    let sentence =
+        format!(" messages of /talk did not reach the recorder, which {nodes} did not know");
+    let Some((before, _)) = text.split_once(&sentence) else { panic!("{text}") };
     before.rsplit(|one: char| !one.is_ascii_digit()).next().unwrap().parse().unwrap()
 }
 
@@ -165,4 +166,29 @@ fn beside_who_does_not_count_and_does_not_match_whoever_is_recorded_whole_lacks_
     assert!(recorded(&replayed).len() >= 2000);
     let warnings = replayed.playback.warnings.join("; ");
     assert!(warnings.contains("publish /talk (at least 1)"), "{warnings}");
+}
+
+/// A node of the recorder's domain that loses 500 messages, beside one that does not count and publishes more than that.
+#[test]
+fn who_publishes_and_does_not_count_makes_up_for_nothing_that_another_loses() {
+    let apart = Apart::new();
+    let _near = apart.near(&talker("/near", "1000", &["--loses", "2000:500"]));
+    let words = talker("/other", "1000", &[]);
+    let _other = apart.scene.start_uncounted("standin_node", &words);
+    await_topic(&apart.scene, "/talk", 2);
+    let Err(error) = apart.play(4000, nobody) else { panic!("passed") };
+    assert_eq!(error.reason(), "RecordingIncomplete");
+    let text = error.to_string();
+    let some = |lost: u64| text.contains(&format!("{lost} messages of /talk did not reach"));
+    assert!(some(500) || some(499), "{text}");
+    assert!(text.contains("of /near it has"), "{text}");
+}
+
+#[test]
+fn beside_who_does_not_count_whoever_is_recorded_whole_lacks_nothing() {
+    let apart = Apart::new();
+    let _near = apart.near(&talker("/near", "1000", &[]));
+    let _other = apart.scene.start_uncounted("standin_node", &talker("/other", "700", &[]));
+    await_topic(&apart.scene, "/talk", 2);
+    assert!(recorded(&apart.play(2000, nobody).unwrap()).len() >= 4000);
 }

@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "blob.h"
+#include "handles.h"
 #include "participant.h"
 
 struct endpoint {
@@ -120,6 +121,17 @@ bool subscription_count(uint32_t slot, uint64_t *matched, struct answer *into) {
 
 dds_entity_t subscription_condition(uint32_t slot) { return subscriptions[slot].condition; }
 
+/* Who has left before its first message is taken is not known: then there are 0s. */
+static void publisher_of(dds_entity_t reader, dds_instance_handle_t handle, uint8_t gid[GID_BYTES]) {
+  if (handle_known(handle, gid)) return;
+  dds_builtintopic_endpoint_t *found = dds_get_matched_publication_data(reader, handle);
+  if (found == NULL) return;
+  _Static_assert(sizeof found->key == GID_BYTES, "a GUID as DDS has it");
+  memcpy(gid, &found->key, GID_BYTES);
+  dds_builtintopic_free_endpoint(found);
+  handle_keep(handle, gid);
+}
+
 enum took subscription_take(uint32_t slot, struct taken *into, char reason[REASON_MOST]) {
   if (last != NULL) blob_release(last);
   last = NULL;
@@ -135,6 +147,7 @@ enum took subscription_take(uint32_t slot, struct taken *into, char reason[REASO
   last = found;
   into->bytes = blob_bytes(found, &into->length);
   into->stamp = info.source_timestamp;
+  publisher_of(subscriptions[slot].entity, info.publication_handle, into->publisher);
   return TOOK_ONE;
 }
 

@@ -1,9 +1,11 @@
 /* What rmw_cyclonedds has no call for: several messages in one datagram, each of which costs a way
- * through the kernel and wakes a thread of the reader; and a publisher's GUID. Its call for a writer is
+ * through the kernel and wakes a thread of the reader; and publishers' GUIDs. Its call for a writer is
  * taken on its way: what a program itself defines is found before what libraries do. */
 #define _GNU_SOURCE
 #include <dlfcn.h>
+#include <string.h>
 
+#include "handles.h"
 #include "layout.h"
 #include "rcl.h"
 #include "sending.h"
@@ -84,4 +86,42 @@ bool cyclone_made(uint32_t slot) { return writers[slot] != 0; }
 
 bool cyclone_guid(uint32_t slot, uint8_t guid[GID_BYTES]) {
   return guid_of != NULL && guid_of(writers[slot], guid) == 0;
+}
+
+/* How the C library of Cyclone DDS describes a publisher. */
+struct publication {
+  uint8_t guid[GID_BYTES];
+};
+typedef struct publication *get_publication(entity reader, uint64_t handle);
+typedef void free_publication(struct publication *);
+
+/* What it has for subscriptions, by an address in the middleware; false if there is no such function. */
+static bool find_for_readers(const char *of, get_publication **get, free_publication **give_back) {
+  static get_publication *getter;
+  static free_publication *freer;
+  void *library = getter != NULL ? NULL : library_of((void *)of);
+  if (library != NULL) {
+    getter = (get_publication *)dlsym(library, "dds_get_matched_publication_data");
+    freer = (free_publication *)dlsym(library, "dds_builtintopic_free_endpoint");
+    dlclose(library);
+  }
+  *get = getter;
+  *give_back = freer;
+  return getter != NULL && freer != NULL;
+}
+
+void cyclone_publisher(const struct rmw_head *subscription, uint64_t handle,
+                       uint8_t guid[GID_BYTES]) {
+  get_publication *get;
+  free_publication *give_back;
+  if (handle_known(handle, guid) || subscription->data == NULL) return;
+  if (!find_for_readers(subscription->implementation, &get, &give_back)) return;
+  entity reader;
+  /* It is what an endpoint's data begins with in each distribution. */
+  memcpy(&reader, subscription->data, sizeof reader);
+  struct publication *found = get(reader, handle);
+  if (found == NULL) return;
+  memcpy(guid, found->guid, GID_BYTES);
+  give_back(found);
+  handle_keep(handle, guid);
 }

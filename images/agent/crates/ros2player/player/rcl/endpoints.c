@@ -135,8 +135,28 @@ bool subscription_count(uint32_t slot, uint64_t *matched, struct answer *into) {
   return !failed;
 }
 
+/* By what a message says of its publisher: of Cyclone DDS, the handle that this process has of it. Another
+ * distribution has that elsewhere: it is believed where the text that goes with it is the subscription's own. */
+static void publisher_of(uint32_t slot, const struct message_info *info, uint8_t gid[GID_BYTES]) {
+  const struct rmw_head *subscription = rcl.rcl_subscription_get_rmw_handle(&subscriptions[slot]);
+  bool says = subscription != NULL && info->implementation != NULL &&
+              info->implementation == subscription->implementation;
+  if (!says) return;
+  if (strcmp(info->implementation, "rmw_cyclonedds_cpp") == 0) {
+    uint64_t handle;
+    memcpy(&handle, info->gid, sizeof handle);
+    cyclone_publisher(subscription, handle, gid);
+  } else if (is_in_messages(info->implementation)) {
+    memcpy(gid, info->gid, GID_BYTES);
+  }
+}
+
 enum took subscription_take(uint32_t slot, struct taken *into, char reason[REASON_MOST]) {
-  struct blob info; /* begins with the source's stamp */
+  union {
+    struct blob whole;
+    struct message_info begin;
+  } info;
+  memset(&info.begin, 0, sizeof info.begin);
   if (buffer.allocator.allocate == NULL) buffer.allocator = rcl.rcutils_get_default_allocator();
   int returned = rcl.rcl_take_serialized_message(&subscriptions[slot], &buffer, &info, NULL);
   if (returned == RCL_TAKE_FAILED) {
@@ -150,7 +170,8 @@ enum took subscription_take(uint32_t slot, struct taken *into, char reason[REASO
   }
   into->bytes = buffer.buffer;
   into->length = buffer.length;
-  memcpy(&into->stamp, &info, sizeof into->stamp);
+  into->stamp = info.begin.source;
+  publisher_of(slot, &info.begin, into->publisher);
   return TOOK_ONE;
 }
 

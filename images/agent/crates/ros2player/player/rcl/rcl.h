@@ -58,6 +58,19 @@ struct names_and_types {
   struct strings *types; /* for each name */
 };
 
+/* What rmw_subscription_t begins with. */
+struct rmw_head {
+  const char *implementation;
+  void *data;
+};
+/* rmw_message_info_t, as far as it is read: since Humble. */
+struct message_info {
+  int64_t source, received;
+  uint64_t publication, reception;
+  const char *implementation;
+  uint8_t gid[GID_BYTES];
+};
+
 /* rmw_topic_endpoint_info_array_t. How long one of them is differs between distributions. */
 struct endpoint_infos {
   size_t size;
@@ -109,6 +122,7 @@ struct endpoint_info_iron {
   X(int, rcl_subscription_init, (void *subscription, const void *node, const void *type,           \
                                  const char *topic, const void *options))                          \
   X(int, rcl_subscription_fini, (void *subscription, void *node))                                  \
+  X(const void *, rcl_subscription_get_rmw_handle, (const void *subscription))                     \
   X(int, rcl_subscription_get_publisher_count, (const void *subscription, size_t *count))          \
   X(int, rcl_take_serialized_message, (const void *subscription, struct serialized *, void *info,  \
                                        void *allocation))                                          \
@@ -182,6 +196,9 @@ void cyclone_end(uint32_t slot, bool made);
 void cyclone_flush(uint32_t slot);
 bool cyclone_made(uint32_t slot);
 bool cyclone_guid(uint32_t slot, uint8_t guid[GID_BYTES]);
+
+/* The same of the publisher that a subscription of Cyclone DDS has under this handle; 0s where it has left. */
+void cyclone_publisher(const struct rmw_head *subscription, uint64_t handle, uint8_t guid[GID_BYTES]);
 
 /* endpoints.c */
 const void *subscription_handle(uint32_t slot);
