@@ -28,6 +28,15 @@ PLANNER = python("loss", "quiet-planner")
 
 LIARS = [
     Row(
+        "fails-at-the-start",
+        OF,
+        "has a node that ends with status 1 before the play begins; the other one answers",
+        PRESENCE_LIVE,
+        launched(_death("fails-at-the-start"), _death("awaits-its-end")),
+        *CRASHED,
+        ("/planner ended with exit status 1 before the play began",),
+    ),
+    Row(
         "crash-expected",
         OF,
         "dies by SIGSEGV after its last answer, where another fault is expected",
@@ -292,6 +301,24 @@ _LIVE_ON = {"daemon", "kills-the-master", "leaves-the-graph"}
 LIARS = [r if r.name in _LIVE_ON else replace(r, marks=("ran", "died")) for r in LIARS]
 
 HONEST = [
+    Row(
+        "done-at-the-start",
+        OF,
+        "has a node that is done before the play begins",
+        PRESENCE_LIVE,
+        launched(_death("done-at-the-start"), _death("awaits-its-end")),
+        "passed",
+        marks=("ran", "died"),
+    ),
+    Row(
+        "ended-at-the-start",
+        OF,
+        "has a node that is ended by SIGTERM before the play begins, as by a script",
+        PRESENCE_LIVE,
+        launched(_death("ended-at-the-start"), _death("awaits-its-end")),
+        "passed",
+        marks=("ran", "died"),
+    ),
     Row(
         "holds-the-lock",
         OF,

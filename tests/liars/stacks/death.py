@@ -12,7 +12,7 @@ import rosgraph
 import rospy
 from geometry_msgs.msg import PoseStamped
 from localiser import POSES, Localiser, die, main, right, wait
-from marks import mark, runs_before
+from marks import has_ended, mark, runs_before
 
 
 class SegfaultAfterTheLast(Localiser):
@@ -165,6 +165,37 @@ class Reporter:
             wait(0.01)
         rospy.signal_shutdown("tired")
         mark(word)
+
+
+class FailsAtTheStart(Reporter):
+    """Ends with status 1 before the play begins, as where a parameter is missing."""
+
+    def serve(self):
+        mark("died")
+        raise KeyError("~map")
+
+
+class DoneAtTheStart(Reporter):
+    """Has done what it had to before the play begins."""
+
+    def serve(self):
+        mark("died")
+
+
+class EndedAtTheStart(Reporter):
+    """Is ended by SIGTERM before the play begins, as by a script."""
+
+    def serve(self):
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        die(signal.SIGTERM)
+
+
+class AwaitsItsEnd(Localiser):
+    """Does not subscribe before the one that ends at the start has ended."""
+
+    def begin(self):
+        while not has_ended("died"):
+            wait(0.01)
 
 
 class LeavesQuietly(Reporter):

@@ -16,5 +16,17 @@ def runs_before(word="ran"):
     return len(path.read_text().splitlines()) if path.exists() else 0
 
 
+def has_ended(word):
+    """Whether the last process of this stack that left the mark has ended, collected or not."""
+    path = _path(word)
+    if not path.exists() or not path.read_text().endswith("\n"):
+        return False
+    try:
+        stat = pathlib.Path("/proc", path.read_text().split()[-1], "stat").read_text()
+    except (FileNotFoundError, ProcessLookupError):
+        return True
+    return stat.rpartition(")")[2].split()[0] in "ZX"
+
+
 def _path(word):
     return pathlib.Path(os.environ["LIAR_MARKS"], os.environ["LIAR_NAME"] + "." + word)

@@ -53,7 +53,7 @@ pub use master::Master;
 pub use middleware::Ros1;
 pub use node::Node;
 pub use pages::{Page, Pages};
-pub use rosmaster::Rosmaster;
+pub use rosmaster::{Meet, Rosmaster};
 pub use value::Value;
 
 /// The largest message accepted, in bytes. roscpp refuses anything above as well.

@@ -8,7 +8,7 @@ use crate::accounts::Due;
 /// By what a publisher is known in the graph, in the ledger and with each message.
 pub(crate) type Gid = [u8; 16];
 
-/// Publishers of a topic that are told apart; messages of more are nobody's known.
+/// publishers of a topic that are distinguished; messages of more are nobody's known.
 const MOST: usize = 4096;
 
 /// How many messages of a topic have come.
@@ -185,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn of_more_publishers_than_are_told_apart_the_rest_are_nobody_s() {
+    fn of_more_publishers_than_are_distinguished_the_rest_are_nobody_s() {
         let arrivals = Arrivals::default();
         for number in (0..MOST as u128 + 2).chain([0, MOST as u128]) {
             arrivals.add(Some(number.to_le_bytes()), 1, 2);

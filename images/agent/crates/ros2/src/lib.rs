@@ -48,3 +48,4 @@ mod unnamed_topics;
 pub use middleware::Ros2;
 pub use options::Ros2Options;
 pub use qos::QosOverride;
+pub use seen::is_of_command_line;

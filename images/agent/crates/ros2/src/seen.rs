@@ -23,7 +23,7 @@ pub(crate) fn namesakes(endpoints: &[Endpoint], nodes: &[GraphNode]) -> BTreeSet
 
 /// Whether a name is one of `ros2`'s own nodes, which come and go and are none of the stack's. Any
 /// other name that tools hide, with a `_` before it, may be of one that is to be proved.
-pub(crate) fn is_of_command_line(name: &str) -> bool {
+pub fn is_of_command_line(name: &str) -> bool {
     name.rsplit('/').next().is_some_and(|own| own.starts_with("_ros2cli"))
 }
 

@@ -4,7 +4,7 @@ use bagpipe_wire::Abort;
 use serde::{Deserialize, Serialize};
 
 use crate::stack::evidence::{Cause, Facts, Moment, StackEnded};
-use crate::stack::nodes::{Found, Known};
+use crate::stack::nodes::Nodes;
 use crate::stack::usage::Usage;
 use crate::stack::witness::ProcessEnd;
 
@@ -57,17 +57,19 @@ const CONSEQUENCES: [&str; 6] = [
 
 impl StackEnd {
     /// Finds what of all that ended is evidence.
-    pub fn judge(
-        &mut self,
-        command: &[String],
-        nodes: Vec<(Known, Found)>,
-        course: &[Moment],
-        last_line: bool,
-    ) {
+    pub fn judge(&mut self, command: &[String], nodes: Nodes, course: &[Moment], last_line: bool) {
         let command = command.first().map(|program| (self.pid, program.as_str()));
         let last_line = self.last_line.as_deref().filter(|_| last_line);
-        let facts =
-            Facts { command, ends: &self.before, after: &self.after, nodes, course, last_line };
+        let Nodes { there, absent } = nodes;
+        let facts = Facts {
+            command,
+            ends: &self.before,
+            after: &self.after,
+            nodes: there,
+            absent,
+            course,
+            last_line,
+        };
         self.ended = facts.evidence();
         self.left = facts.left();
     }

@@ -77,7 +77,10 @@ pub struct Facts<'a> {
     pub ends: &'a [ProcessEnd],
     /// What was seen to end later: of a node that had gone before, the notice may be late.
     pub after: &'a [ProcessEnd],
+    /// Those that were there when the play began.
     pub nodes: Vec<(Known, Found)>,
+    /// Those that had left by then.
+    pub absent: Vec<Known>,
     pub course: &'a [Moment],
     /// The last line of stderr.
     pub last_line: Option<&'a str>,
@@ -99,6 +102,11 @@ impl Facts<'_> {
                     .push((end.map(|end| end.at), self.entry(cause, Thing::Node, &node.name, end)));
             }
         }
+        for (node, end) in self.ends_of_absent(&nodes_pids) {
+            nodes_pids.push(end.pid);
+            let entry = self.entry(Cause::StackCrashed, Thing::Node, &node.name, Some(end));
+            found.push((Some(end.at), entry));
+        }
         for end in self.ends.iter().filter(|end| !nodes_pids.contains(&end.pid)) {
             let command = self.command.filter(|(pid, _)| *pid == end.pid);
             let cause = match command {
@@ -116,6 +124,22 @@ impl Facts<'_> {
         }
         found.sort_by_key(|(at, _)| (at.is_none(), *at));
         found.into_iter().map(|(_, entry)| entry).collect()
+    }
+
+    /// The ends that are a crash of nodes that had left when the play began, unless other nodes lived in their processes, or
+    /// the command did: a script may end a node of its own by a signal before it starts the rest.
+    fn ends_of_absent(&self, nodes_pids: &[i32]) -> Vec<(&Known, &ProcessEnd)> {
+        let is_known = |pid: i32| {
+            nodes_pids.contains(&pid) || self.command.is_some_and(|(command, _)| command == pid)
+        };
+        let is_crash = |end: &&ProcessEnd| {
+            let Some(ended) = end.ended.filter(|_| !is_known(end.pid)) else { return false };
+            ended.exit_status.is_some_and(|status| status != 0)
+                || ended.signal.is_some_and(|signal| !ORDERLY.contains(&signal))
+        };
+        let of = |end: &ProcessEnd| self.absent.iter().find(|node| node.pid == Some(end.pid));
+        let crashes = self.ends.iter().filter(is_crash);
+        crashes.filter_map(|end| Some((of(end)?, end))).collect()
     }
 
     /// Nodes that were in the graph when all input was out and have left it since, while no process
@@ -159,6 +183,12 @@ impl Facts<'_> {
         drain.map_or(self.course.is_empty(), |drain| drain.at <= at)
     }
 
+    /// Whether the stack was still waited for at that time, or was waited for in vain.
+    fn is_before_the_play(&self, at: Instant) -> bool {
+        let played = self.course.iter().find(|moment| moment.stage != Stage::Subscribe);
+        !self.course.is_empty() && played.is_none_or(|played| at < played.at)
+    }
+
     fn bag_seconds(&self, at: Instant) -> Option<f64> {
         let after = self.course.partition_point(|moment| moment.at <= at);
         let before = self.course.get(after.checked_sub(1)?)?;
@@ -183,7 +213,9 @@ impl Facts<'_> {
             (None, None) if cause == Cause::NodeRespawned => "was registered again".to_owned(),
             (None, None) => "is gone from the ROS graph".to_owned(),
         };
-        if let Some(seconds) = bag_seconds {
+        if end.is_some_and(|end| self.is_before_the_play(end.at)) {
+            message += " before the play began";
+        } else if let Some(seconds) = bag_seconds {
             message += &format!(" at {seconds:.1} s of the window");
         }
         if cause == Cause::NodeRespawned {

@@ -27,6 +27,21 @@ pub enum Found {
     Another,
 }
 
+/// The nodes of a case.
+#[derive(Debug, Default)]
+pub struct Nodes {
+    /// Those that were there when the play began, and what has become of each.
+    pub there: Vec<(Known, Found)>,
+    /// Those that had left by then.
+    pub absent: Vec<Known>,
+}
+
+/// Those of the nodes that were `met` that are not in the roll: they had left when the play began.
+pub fn absent(met: Vec<Known>, roll: &[Known]) -> Vec<Known> {
+    let is_there = |node: &Known| roll.iter().any(|known| known.name == node.name);
+    met.into_iter().filter(|node| !is_there(node)).collect()
+}
+
 /// The processes of nodes that have left the graph, without those that other nodes still live in.
 pub fn left(roll: &[Known], found: &[Found]) -> BTreeSet<i32> {
     let of = |gone: bool| {

@@ -221,6 +221,17 @@ fn says_ending(stat: &str, status: &str) -> bool {
         || pending.is_some_and(|set| set & KILLED != 0)
 }
 
+/// Which process below this one has a socket of this number: of several the newest.
+pub fn holder(socket: u32) -> Option<i32> {
+    let wanted = format!("socket:[{socket}]");
+    let has = |pid: &i32| {
+        let files = std::fs::read_dir(format!("/proc/{pid}/fd")).into_iter().flatten().flatten();
+        let mut targets = files.filter_map(|file| std::fs::read_link(file.path()).ok());
+        targets.any(|target| target.as_os_str() == wanted.as_str())
+    };
+    descendants(std::process::id(), &[]).into_iter().rev().find(has)
+}
+
 /// Every process below `root`, without `spared` and what is below those.
 pub fn descendants(root: u32, spared: &[Pid]) -> BTreeSet<i32> {
     let spared = spared.iter().map(|pid| group_number(*pid)).collect();

@@ -29,6 +29,8 @@ pub(super) struct Graph {
     registered: usize,
     parameters: Parameters,
     notices: Notices,
+    /// Nodes that have come since this was taken.
+    met: Vec<String>,
 }
 
 /// What a call gave: the message and the value, or a refusal's, for -1.
@@ -155,8 +157,16 @@ impl Graph {
         }
     }
 
+    /// The names of nodes that have come since the last call of this.
+    pub(super) fn take_met(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.met)
+    }
+
     /// Takes in a node; another of its name is asked to end.
     fn meet(&mut self, node: &(String, String)) {
+        if self.registrations.node(&node.0) != Some(&node.1) {
+            self.met.push(node.0.clone());
+        }
         let Some(before) = self.registrations.meet(node) else { return };
         self.parameters.unsubscribe_all(&node.0);
         let why = format!("[{}] Reason: new node registered with same name", node.0);

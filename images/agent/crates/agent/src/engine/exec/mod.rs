@@ -21,6 +21,7 @@ use serde::{Deserialize, Serialize};
 use crate::case::failure::Failure;
 use crate::case::{Case, seconds};
 use crate::stack::end::StackEnd;
+use crate::stack::nodes::Nodes;
 use crate::stack::processes::{Children, Spared};
 use crate::stack::{HURRY, Surroundings};
 use input::ProgramInput;
@@ -126,7 +127,7 @@ impl ExecRunner<'_> {
             program.end(&mut children, &Spared::default(), patience, &self.surroundings.label);
         children.forget_all();
         if let Ok(stack) = &mut stack {
-            stack.judge(&self.case.stack.command, Vec::new(), &[], pumped.is_ok());
+            stack.judge(&self.case.stack.command, Nodes::default(), &[], pumped.is_ok());
         }
         timings.stop = begun.elapsed().as_secs_f64();
         match (pumped, stack) {

@@ -78,6 +78,7 @@ fn run_on(
         spared: Spared::default(),
         course: RefCell::default(),
         roll: RefCell::default(),
+        absent: RefCell::default(),
         unseen: RefCell::default(),
         glanced: Cell::new(None),
     };

@@ -81,6 +81,10 @@ pub trait Host {
     /// All nodes but our own. Fails, as the next two do, where it is not known.
     fn roll(&self) -> Result<Vec<Known>, Failure>;
 
+    /// Nodes that were ever there by now, with their processes, also those that have left since; asked once. Without those
+    /// that people start by hand, which may end as they like.
+    fn met(&self) -> Vec<Known>;
+
     /// Notes who is still there when all input is out: who leaves after that is done.
     fn note_stayed(&self, roll: &mut [Known]) -> Result<(), Failure>;
 

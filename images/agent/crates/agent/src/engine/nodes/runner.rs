@@ -23,7 +23,7 @@ use crate::engine::nodes::outcome::{Outcome, Timings};
 use crate::engine::nodes::simulator::{PipeWorld, topics, unrecorded};
 use crate::stack::end::StackEnd;
 use crate::stack::evidence::Moment;
-use crate::stack::nodes::{Found, Known, later, left};
+use crate::stack::nodes::{Found, Known, Nodes, absent, later, left};
 use crate::stack::processes::{Children, Spared, descendants, is_alive, pause};
 use crate::stack::{HURRY, Program, Surroundings};
 
@@ -51,6 +51,8 @@ pub struct Runner<'a> {
     pub course: RefCell<Vec<Moment>>,
     /// The nodes when the play began.
     pub roll: RefCell<Vec<Known>>,
+    /// Nodes that had left when it began.
+    pub absent: RefCell<Vec<Known>>,
     /// Why it is not known which nodes were there, if that is so.
     pub unseen: RefCell<Option<Failure>>,
     pub glanced: Cell<Option<Instant>>,
@@ -80,6 +82,10 @@ impl Runner<'_> {
         };
         let mut stack = self.end_everything(program);
         if let Ok((Some(stack), _)) = &mut stack {
+            let has_begun = self.course.borrow().iter().any(|one| one.stage != Stage::Subscribe);
+            // Whatever ended of a stack that was waited for in vain may be why.
+            let absent = if has_begun { self.absent.take() } else { self.host.met() };
+            let nodes = Nodes { there: nodes, absent };
             let command = &self.case.stack.command;
             stack.judge(command, nodes, &self.course.borrow(), played.is_ok());
         }
@@ -240,7 +246,10 @@ impl Runner<'_> {
             && course.last().is_none_or(|last| last.stage == Stage::Subscribe)
         {
             match self.host.roll() {
-                Ok(roll) => *self.roll.borrow_mut() = roll,
+                Ok(roll) => {
+                    *self.absent.borrow_mut() = absent(self.host.met(), &roll);
+                    *self.roll.borrow_mut() = roll;
+                }
                 Err(failure) => self.note_unseen(failure),
             }
         }

@@ -15,6 +15,7 @@ use crate::case::failure::Failure;
 use crate::case::{Case, Master};
 use crate::engine::nodes::host::{Ending, Host, Occasion};
 use crate::engine::nodes::runner::silent;
+use crate::engine::ros1::met::Met;
 use crate::engine::ros1::{parameters, roll, rosmaster};
 use crate::stack::end::StackEnd;
 use crate::stack::nodes::{Found, Known};
@@ -30,13 +31,14 @@ pub struct RosmasterHost<'a> {
     folder: PathBuf,
     program: RefCell<Option<Program>>,
     served: RefCell<Option<Rosmaster>>,
+    met: Met,
 }
 
 impl<'a> RosmasterHost<'a> {
     pub fn new(case: &'a Case, port: u16, folder: &Path) -> Self {
         let uri = format!("http://127.0.0.1:{port}");
         let (program, served) = (RefCell::default(), RefCell::default());
-        Self { case, port, uri, folder: folder.to_owned(), program, served }
+        Self { case, port, uri, folder: folder.to_owned(), program, served, met: Met::default() }
     }
 
     fn pid(&self) -> Option<Pid> {
@@ -62,7 +64,7 @@ impl Host for RosmasterHost<'_> {
     fn start(&self, occasion: &Occasion<'_>) -> Result<(), Failure> {
         let Occasion { surroundings, children, deadline, interrupted } = *occasion;
         if self.case.stack.master == Master::Agent {
-            let (served, master) = rosmaster::serve(self.port, &self.uri)?;
+            let (served, master) = rosmaster::serve(self.port, &self.uri, self.met.note())?;
             self.served.replace(Some(served));
             return parameters::set(&master, &self.case.stack.parameters)
                 .map_err(Failure::protocol);
@@ -97,7 +99,14 @@ impl Host for RosmasterHost<'_> {
     }
 
     fn roll(&self) -> Result<Vec<Known>, Failure> {
-        roll::roll(&self.uri).map_err(|error| unknown(&error))
+        let mut roll = roll::roll(&self.uri).map_err(|error| unknown(&error))?;
+        self.met.name_processes(&mut roll);
+        Ok(roll)
+    }
+
+    /// None where the image's rosmaster serves: it notes no socket.
+    fn met(&self) -> Vec<Known> {
+        self.met.take()
     }
 
     fn note_stayed(&self, known: &mut [Known]) -> Result<(), Failure> {

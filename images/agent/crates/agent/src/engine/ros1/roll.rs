@@ -26,6 +26,11 @@ const CALLER: &str = "/bagpipe_agent";
 /// Our own node in the graph.
 const PLAYER: &str = "/bagpipe_player_";
 
+/// Whether a node is the player.
+pub fn is_ours(name: &str) -> bool {
+    name.starts_with(PLAYER)
+}
+
 /// All nodes but our own.
 ///
 /// # Errors
@@ -33,8 +38,7 @@ const PLAYER: &str = "/bagpipe_player_";
 pub fn roll(master_uri: &str) -> Result<Vec<Known>, RosError> {
     let master = Patient::new(master_uri)?;
     let names = registered(&master)?;
-    let ours = |name: &String| name.starts_with(PLAYER);
-    let others: Vec<String> = names.into_iter().filter(|name| !ours(name)).collect();
+    let others: Vec<String> = names.into_iter().filter(|name| !is_ours(name)).collect();
     let addresses = addresses(&master, others.iter())?;
     let listed: Vec<(String, Address)> = others.into_iter().zip(addresses).collect();
     let known = of_each(&listed, |(name, address)| {

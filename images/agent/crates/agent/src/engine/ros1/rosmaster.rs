@@ -6,7 +6,7 @@ use std::path::Path;
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use bagpipe_ros1::{Master, RosError, Rosmaster};
+use bagpipe_ros1::{Master, Meet, RosError, Rosmaster};
 
 use crate::case::failure::Failure;
 use crate::stack::command::{ENTRYPOINT, find};
@@ -18,10 +18,10 @@ const GLANCE: Duration = Duration::from_millis(10);
 /// How long one question may take.
 const QUESTION: Duration = Duration::from_secs(5);
 
-/// Serves a master in this process, which answers from now on, and a client of it.
-pub fn serve(port: u16, uri: &str) -> Result<(Rosmaster, Master), Failure> {
+/// Serves a master in this process, which answers from now on, and a client of it. `meet` learns of nodes that register.
+pub fn serve(port: u16, uri: &str, meet: Box<Meet>) -> Result<(Rosmaster, Master), Failure> {
     let address = SocketAddr::from((Ipv4Addr::LOCALHOST, port));
-    let served = Rosmaster::serve(address).map_err(|error| match error {
+    let served = Rosmaster::serve_noting(address, meet).map_err(|error| match error {
         RosError::Io { source, .. } if source.kind() == ErrorKind::AddrInUse => taken(port),
         error => failed(error.to_string()),
     })?;

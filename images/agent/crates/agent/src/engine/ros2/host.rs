@@ -221,6 +221,10 @@ impl Host for Ros2Host<'_> {
         Ok(roll::roll(&self.ledger))
     }
 
+    fn met(&self) -> Vec<Known> {
+        roll::met(&self.ledger)
+    }
+
     fn note_stayed(&self, known: &mut [Known]) -> Result<(), Failure> {
         roll::note_stayed(&self.ledger, known);
         Ok(())

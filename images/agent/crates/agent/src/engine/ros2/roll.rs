@@ -1,7 +1,8 @@
 //! The nodes that count when the play begins, and what has become of them at its end.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
+use bagpipe_ros2::is_of_command_line;
 use bagpipe_ros2ledger::{Endpoint, Ledger, ProcessId};
 
 use crate::stack::nodes::{Found, Known};
@@ -9,13 +10,20 @@ use crate::stack::nodes::{Found, Known};
 /// All nodes. A ledger that can't be read fails the replay, so no error is reported here.
 pub fn roll(ledger: &Ledger) -> Vec<Known> {
     let alive = live_nodes(ledger, &endpoints(ledger));
-    let known = alive.into_iter().map(|(name, process)| Known {
-        name,
-        uri: mark(process),
-        pid: i32::try_from(process.pid).ok(),
-        stayed: false,
-    });
-    known.collect()
+    alive.into_iter().map(|(name, process)| known(name, process)).collect()
+}
+
+fn known(name: String, process: ProcessId) -> Known {
+    let pid = i32::try_from(process.pid).ok();
+    Known { name, uri: mark(process), pid, stayed: false }
+}
+
+/// Each node that has had an endpoint by now, in each of its processes.
+pub fn met(ledger: &Ledger) -> Vec<Known> {
+    let named = endpoints(ledger).into_iter().filter(|one| !one.node.is_empty());
+    let others = named.filter(|one| !is_of_command_line(&one.node));
+    let met: BTreeSet<(String, ProcessId)> = others.map(|one| (one.node, one.process)).collect();
+    met.into_iter().map(|(name, process)| known(name, process)).collect()
 }
 
 /// Notes who is still there.

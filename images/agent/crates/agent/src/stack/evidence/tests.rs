@@ -228,3 +228,50 @@ fn the_sentence_has_the_second_of_bag_time_and_the_last_line() {
     );
     assert_eq!(facts.bag_seconds(begun + Duration::from_secs(2)), Some(-1.0));
 }
+
+/// The sentences on ends, where a node of process 7 had left when the play began.
+fn judged_without(ends: &[ProcessEnd], nodes: Vec<(Known, Found)>, begun: Instant) -> Vec<String> {
+    let course = course(begun);
+    let (command, absent) = (Some((1, "roslaunch")), vec![node(7)]);
+    let facts = Facts { command, ends, nodes, absent, course: &course, ..Facts::default() };
+    let all = facts.evidence().into_iter();
+    all.map(|end| format!("{}: {}", end.cause.name(), end.message)).collect()
+}
+
+#[test]
+fn a_node_that_ended_badly_before_the_play_is_a_crash() {
+    let begun = Instant::now();
+    let before = begun + Duration::from_millis(500);
+    let without = |end: ProcessEnd| judged_without(&[end], Vec::new(), begun);
+    assert_eq!(
+        without(end(7, before, Some(1), None)),
+        ["StackCrashed: the node /tracker ended with exit status 1 before the play began"]
+    );
+    assert_eq!(
+        without(end(7, before, None, Some(11))),
+        ["StackCrashed: the node /tracker was ended by signal 11 (SIGSEGV) before the play began"]
+    );
+    // It may have left the graph, and end later.
+    let later = begun + Duration::from_secs(5);
+    assert_eq!(
+        without(end(7, later, Some(1), None)),
+        ["StackCrashed: the node /tracker ended with exit status 1 at 2.0 s of the window"]
+    );
+    // Its work was done, or a script has ended it; of another process it is not known that it was a node.
+    assert!(without(end(7, before, Some(0), None)).is_empty());
+    assert!(without(end(7, before, None, Some(15))).is_empty());
+    assert!(without(end(7, before, None, None)).is_empty());
+    assert!(without(end(4, before, Some(1), None)).is_empty());
+}
+
+#[test]
+fn an_end_is_reported_once_also_of_a_process_of_two_nodes() {
+    let begun = Instant::now();
+    let ends = [end(7, begun + Duration::from_secs(5), Some(1), None)];
+    let there = Known { name: "/planner".to_owned(), ..node(7) };
+    let nodes = vec![(there, Found::Unregistered)];
+    assert_eq!(
+        judged_without(&ends, nodes, begun),
+        ["StackCrashed: the node /planner ended with exit status 1 at 2.0 s of the window"]
+    );
+}

@@ -1,0 +1,136 @@
+//! Nodes that register before the play begins, with their processes: one that ends at once has no address to be asked at.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use bagpipe_ros1::Meet;
+
+use super::roll::is_ours;
+use crate::stack::nodes::Known;
+use crate::stack::processes::{holder, is_alive};
+
+/// Nodes that are noted at the most: whoever registers more under names of its own is no stack.
+const MOST: usize = 4096;
+
+/// Those of a case.
+#[derive(Clone, Default)]
+pub struct Met(Arc<Mutex<Noted>>);
+
+#[derive(Default)]
+struct Noted {
+    nodes: Vec<Known>,
+    /// Who comes from now on is not noted.
+    is_over: bool,
+}
+
+impl Met {
+    fn noted(&self) -> MutexGuard<'_, Noted> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// What a master calls for each node that registers.
+    pub fn note(&self) -> Box<Meet> {
+        let met = self.clone();
+        Box::new(move |name, socket| met.add(name, socket))
+    }
+
+    fn add(&self, name: &str, socket: u32) {
+        if is_ours(name) || is_of_command_line(name) || self.noted().is_full() {
+            return;
+        }
+        // Without the lock: it looks at each process of the stack, the newest first.
+        let Some(pid) = holder(socket) else { return };
+        let node =
+            Known { name: name.to_owned(), uri: String::new(), pid: Some(pid), stayed: false };
+        self.noted().nodes.push(node);
+    }
+
+    /// Gives nodes that did not say it the process that has registered them last; one whose process has ended is not
+    /// there, though the master has it: it took no leave.
+    pub fn name_processes(&self, roll: &mut Vec<Known>) {
+        let noted = self.noted();
+        roll.retain_mut(|node| {
+            if node.pid.is_some() {
+                return true;
+            }
+            let same = noted.nodes.iter().rev().find(|met| met.name == node.name);
+            node.pid = same.and_then(|met| met.pid);
+            node.pid.is_none_or(is_alive)
+        });
+    }
+
+    /// All that have come by now; later ones are not noted.
+    pub fn take(&self) -> Vec<Known> {
+        let mut noted = self.noted();
+        noted.is_over = true;
+        std::mem::take(&mut noted.nodes)
+    }
+}
+
+impl Noted {
+    fn is_full(&self) -> bool {
+        self.is_over || self.nodes.len() >= MOST
+    }
+}
+
+/// Whether a node is one of rostopic's, which a script may start, and end as it likes.
+fn is_of_command_line(name: &str) -> bool {
+    name.starts_with("/rostopic_")
+}
+
+#[cfg(test)]
+mod tests {
+    use std::net::Ipv4Addr;
+    use std::time::Duration;
+
+    use bagpipe_ros1::{Master, Rosmaster};
+
+    use super::*;
+
+    #[test]
+    fn who_registers_before_the_play_is_noted_with_its_process() {
+        let met = Met::default();
+        let served = Rosmaster::serve_noting((Ipv4Addr::LOCALHOST, 0).into(), met.note()).unwrap();
+        let register = |name: &str| {
+            // Of this process, which is no process of a stack.
+            let node = Master::new(served.uri(), name, Duration::from_secs(5)).unwrap();
+            node.register_publisher("/t", "std_msgs/String", "http://127.0.0.1:1/").unwrap();
+        };
+        register("/ours");
+        assert_eq!(met.take(), []);
+        let met = Met::default();
+        let program = "import sys, xmlrpc.client
+node = xmlrpc.client.ServerProxy(sys.argv[1])
+for name in sys.argv[2:]:
+    node.registerPublisher(name, '/t', 'std_msgs/String', 'http://127.0.0.1:1/')
+sys.exit(3)";
+        let served = Rosmaster::serve_noting((Ipv4Addr::LOCALHOST, 0).into(), met.note()).unwrap();
+        let run = |names: &[&str]| {
+            let words = [&["-c", program, served.uri()], names].concat();
+            let mut child =
+                std::process::Command::new("/usr/bin/python3").args(words).spawn().unwrap();
+            assert_eq!(child.wait().unwrap().code(), Some(3));
+            i32::try_from(child.id()).unwrap()
+        };
+        let pid = run(&["/a", "/a", "/b", "/rostopic_7_8", "/bagpipe_player_7"]);
+        let unnamed = |name: &str| Known {
+            name: name.to_owned(),
+            uri: String::new(),
+            pid: None,
+            stayed: false,
+        };
+        let before = [unnamed("/a"), unnamed("/c"), Known { pid: Some(7), ..unnamed("/b") }];
+        let mut roll = before.to_vec();
+        met.name_processes(&mut roll);
+        assert_eq!(roll, before[1..], "its process has ended");
+        let own = i32::try_from(std::process::id()).unwrap();
+        met.noted().nodes.push(Known { pid: Some(own), ..unnamed("/c") });
+        met.name_processes(&mut roll);
+        assert_eq!(roll.iter().map(|one| one.pid).collect::<Vec<_>>(), [Some(own), Some(7)]);
+        met.noted().nodes.pop();
+        let noted = met.take();
+        let named: Vec<_> = noted.iter().map(|one| (one.name.as_str(), one.pid)).collect();
+        assert_eq!(named, [("/a", Some(pid)), ("/b", Some(pid))]);
+        run(&["/late"]);
+        assert_eq!(met.take(), []);
+    }
+}
