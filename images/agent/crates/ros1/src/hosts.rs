@@ -5,6 +5,7 @@
 //! occur in a pod (literals, localhost, /etc/hosts) are resolved here and only the rest
 //! goes to the C library.
 
+use std::io::ErrorKind;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpStream, ToSocketAddrs, UdpSocket};
 use std::time::Duration;
 
@@ -72,6 +73,14 @@ pub(crate) fn connect(host: &str, port: u16, deadline: Duration) -> Result<TcpSt
         .map_err(RosError::io(format!("no connection to {host}:{port}")))
 }
 
+/// Whether nobody listens at a node's address any more, by the kernel's word: one that can't be resolved, or has no
+/// room for more connections within the deadline, may still be there.
+pub fn is_closed(uri: &str, deadline: Duration) -> bool {
+    let address = split_uri(uri).and_then(|(host, port)| resolve(host, port));
+    let connected = address.map(|address| TcpStream::connect_timeout(&address, deadline));
+    matches!(connected, Ok(Err(error)) if error.kind() == ErrorKind::ConnectionRefused)
+}
+
 /// The address of this machine as the given host sees it: what we listen on and
 /// advertise. The kernel's route decides; no packet is sent.
 pub(crate) fn local_address_towards(host: &str, port: u16) -> Result<IpAddr, RosError> {
@@ -110,5 +119,21 @@ mod tests {
     fn the_way_to_loopback_is_loopback() {
         let ip = local_address_towards("localhost", 11311).unwrap();
         assert_eq!(ip, IpAddr::V4(Ipv4Addr::LOCALHOST));
+    }
+
+    #[test]
+    fn an_address_is_closed_once_nobody_listens_there() {
+        let listener = std::net::TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
+        let port = listener.local_addr().unwrap().port();
+        let uris = [
+            format!("http://localhost:{port}/RPC2"),
+            format!("http://127.0.0.1:{port}/"),
+            format!("rosrpc://localhost:{port}"),
+        ];
+        let closed = || uris.each_ref().map(|uri| is_closed(uri, Duration::from_secs(5)));
+        assert_eq!(closed(), [false; 3]);
+        drop(listener);
+        assert_eq!(closed(), [true; 3]);
+        assert!(!is_closed("nowhere", Duration::from_secs(5)));
     }
 }

@@ -49,6 +49,7 @@ mod value;
 mod xmlrpc;
 
 pub use error::RosError;
+pub use hosts::is_closed;
 pub use master::Master;
 pub use middleware::Ros1;
 pub use node::Node;

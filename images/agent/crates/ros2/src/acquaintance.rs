@@ -25,15 +25,14 @@ impl<P> Default for Acquaintance<P> {
 }
 
 impl<P: Ord> Acquaintance<P> {
-    /// Takes in who is there, each with how many subscriptions it knows as far as it reports, where
-    /// `subscribed` are the stack's. Nodes report until the play has begun, and once is enough.
+    /// Takes in who is there, each with how many subscriptions it knows as far as it reports, and how many of the stack's
+    /// it can match. Nodes report until the play has begun, and once is enough.
     pub(crate) fn look(
         &mut self,
         now: Instant,
-        there: impl Iterator<Item = (P, Option<u32>)>,
-        subscribed: usize,
+        there: impl Iterator<Item = (P, Option<u32>, usize)>,
     ) {
-        let is_stranger = |(publisher, matched): (P, Option<u32>)| {
+        let is_stranger = |(publisher, matched, subscribed): (P, Option<u32>, usize)| {
             let since = self.publishers.entry(publisher).or_insert(Some(now));
             if matched.is_some_and(|known| known as usize > subscribed) {
                 *since = None;
@@ -65,7 +64,7 @@ mod tests {
     use super::*;
 
     fn look(of: &mut Acquaintance<u32>, now: Instant, there: &[(u32, Option<u32>)]) -> usize {
-        of.look(now, there.iter().copied(), 1);
+        of.look(now, there.iter().map(|(one, matched)| (*one, *matched, 1)));
         of.strangers.unwrap()
     }
 

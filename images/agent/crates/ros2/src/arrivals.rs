@@ -8,7 +8,7 @@ use crate::accounts::Due;
 /// By what a publisher is known in the graph, in the ledger and with each message.
 pub(crate) type Gid = [u8; 16];
 
-/// publishers of a topic that are distinguished; messages of more are nobody's known.
+/// Publishers of a topic that are distinguished; messages of more are nobody's known.
 const MOST: usize = 4096;
 
 /// How many messages of a topic have come.

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use bagpipe_ros2ledger::{Endpoint, EndpointId};
 
-use crate::arrivals::Handed;
+use crate::arrivals::{Gid, Handed};
 
 /// Who came during the play may publish for so long before it and the recorder know each other.
 const LATE: Duration = Duration::from_secs(2);
@@ -90,7 +90,7 @@ impl Begun {
         let (mut lost, mut theirs, mut others) = (0, 0, 0);
         for one in &ended.publishers {
             if ended.has_others_alone && self.apart.contains(&one.id) {
-                lost += self.published(one);
+                lost += self.missing_of(one, handed);
             } else if self.suspects(one, ended) {
                 theirs += self.published(one);
             } else if ended.has_strangers || self.before.contains_key(&one.id) {
@@ -105,13 +105,16 @@ impl Begun {
     /// publisher is not known may be anybody's.
     fn missing_of_each(&self, ended: &Ended<'_>, handed: &Handed) -> u64 {
         let suspects = ended.publishers.iter().filter(|one| self.suspects(one, ended));
-        let lacks = suspects.filter_map(|one| {
-            let gid = one.gid?;
-            let came = handed.of(&gid).saturating_sub(self.handed.of(&gid));
-            Some(self.published(one).saturating_sub(came))
-        });
+        let known = suspects.filter(|one| one.gid.is_some());
+        let missing: u64 = known.map(|one| self.missing_of(one, handed)).sum();
         let of_nobody = handed.of_nobody().saturating_sub(self.handed.of_nobody());
-        lacks.sum::<u64>().saturating_sub(of_nobody)
+        missing.saturating_sub(of_nobody)
+    }
+
+    /// What of one has not come by its GID: without that, all that it has published.
+    fn missing_of(&self, one: &Endpoint, handed: &Handed) -> u64 {
+        let came = |gid: &Gid| handed.of(gid).saturating_sub(self.handed.of(gid));
+        self.published(one).saturating_sub(one.gid.as_ref().map_or(0, came))
     }
 
     fn sentence(&self, ended: &Ended<'_>, handed: &Handed) -> Option<String> {

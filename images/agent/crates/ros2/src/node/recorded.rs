@@ -190,10 +190,9 @@ impl Graph {
     /// we know as many as there are, and beside strangers those that report it, if we know as many.
     fn met(&self, input: &Input, look: &Look) -> BTreeSet<EndpointId> {
         let there: Vec<&Endpoint> = look.there(Kind::Publisher, &input.topic).collect();
-        let subscribed = look.there(Kind::Subscription, &input.topic).count();
-        let reported = there.iter().map(|one| (one.id, one.matched));
+        let reported = there.iter().map(|one| (one.id, one.matched, look.counterparts(one)));
         let mut acquaintance = input.acquaintance();
-        acquaintance.look(Instant::now(), reported, subscribed);
+        acquaintance.look(Instant::now(), reported);
         let all = || published_on(&input.topic, &look.endpoints).map(|one| one.id);
         // The player is asked no more once all have met.
         if !input.accounts().has_strangers(all()) {
@@ -212,14 +211,16 @@ impl Graph {
     /// it them: of a topic whose type is not known, all.
     pub(super) fn begin_without_unmet(&self) {
         // A ledger that can't be read fails the next look.
+        // Before what was published is read: what comes meanwhile is not due.
+        let all = self.handed();
         let Ok(look) = Look::at(self.ledger()) else { return };
-        let recorded = self.inputs.all().into_iter().map(|input| {
+        let recorded = all.into_iter().map(|(input, handed)| {
             let apart = self.apart(&input, &look);
             let there: Vec<&Endpoint> = look.there(Kind::Publisher, &input.topic).collect();
             let all = input.acquaintance().is_whole() && !self.has_strangers(&input, there.len());
             let known = |one: &&Endpoint| all || input.acquaintance().has_reported(one.id);
             let there = there.into_iter().map(|one| (one, known(&one)));
-            let begun = Begun::new(input.arrivals.handed(), there).with_apart(apart);
+            let begun = Begun::new(handed, there).with_apart(apart);
             (input.topic.clone(), begun)
         });
         let recorded: Vec<(String, Begun)> = recorded.collect();
@@ -292,15 +293,16 @@ impl Graph {
         all.collect()
     }
 
+    /// Each recorded topic, with what was handed to the sink by now.
+    fn handed(&self) -> Vec<(Arc<Input>, Handed)> {
+        let all = self.inputs.all().into_iter();
+        all.map(|input| (Arc::clone(&input), input.arrivals.handed())).collect()
+    }
+
     /// What each recorded topic must have handed on by now at least, of what is published by this
     /// moment.
     pub(super) fn due(&self) -> Result<Vec<(Arc<Input>, Due)>, GraphError> {
-        let all: Vec<(Arc<Input>, Handed)> = self
-            .inputs
-            .all()
-            .into_iter()
-            .map(|input| (Arc::clone(&input), input.arrivals.handed()))
-            .collect();
+        let all = self.handed();
         let endpoints = self.ledger().endpoints().map_err(failed)?;
         let due = all.into_iter().map(|(input, handed)| {
             // Once more, as all endpoints take a while: what is published between its publisher's count and

@@ -10,6 +10,7 @@ use crate::scene::{Ask, DEFAULT, RELAY, Scene, recorded, recording};
 use crate::standin::{Graph, Node};
 
 const TALK: &str = "/talk:std_msgs/msg/String:1000:reliable";
+const KEPT: &str = "/talk:std_msgs/msg/String:10:reliable:transient_local";
 const ASK: Ask<'static> =
     Ask { mode: Mode::Realtime, record: &["/talk"], drain: Duration::from_secs(1), ..DEFAULT };
 
@@ -156,7 +157,15 @@ fn who_publishes_and_does_not_count_makes_up_for_nothing_that_a_stranger_publish
 
 #[test]
 fn beside_who_does_not_count_and_does_not_match_whoever_is_recorded_whole_lacks_nothing() {
+    for others in [&["--name", "/plain"][..], &["--name", "/late", "--sub", KEPT]] {
+        beside_who_does_not_match(others);
+    }
+}
+
+/// And beside another node, which may subscribe to what no publisher offers.
+fn beside_who_does_not_match(others: &[&str]) {
     let apart = Apart::new();
+    let _others = apart.near(others);
     let _near = apart.near(&talker("/near", "1000", &[]));
     let best_effort = "/talk:std_msgs/msg/String:10:best_effort";
     let words = ["--name", "/near", "--pub", best_effort, "--every-us", "1000"];

@@ -3,12 +3,10 @@
 
 use std::cell::Cell;
 use std::collections::BTreeSet;
-use std::io::ErrorKind;
-use std::net::{SocketAddr, TcpStream, ToSocketAddrs};
 use std::thread::{Builder, ScopedJoinHandle};
 use std::time::{Duration, Instant};
 
-use bagpipe_ros1::{Master, RosError};
+use bagpipe_ros1::{Master, RosError, is_closed};
 
 use crate::stack::nodes::{Found, Known};
 use crate::stack::processes::{descendants, is_alive};
@@ -126,6 +124,11 @@ pub fn note_stayed(master_uri: &str, roll: &mut [Known]) -> Result<(), RosError>
     for (known, address) in roll.iter_mut().zip(addresses) {
         known.stayed = matches!(address, Address::At(uri) if uri == known.uri);
     }
+    // One that leaves while the master is busy may stay registered.
+    let closed = of_each(roll, |known| known.stayed && is_closed(&known.uri, ASK));
+    for (known, closed) in roll.iter_mut().zip(closed) {
+        known.stayed &= closed != Some(true);
+    }
     let asked = of_each(roll, |known| known.pid.or_else(|| process_of(&known.uri)));
     for (known, pid) in roll.iter_mut().zip(asked) {
         known.pid = pid.flatten();
@@ -166,8 +169,11 @@ fn look_at(known: &Known, address: &Address) -> Found {
         (Some(_), _) => Found::Same,
         // One that hangs still has its socket: that is for the ledger to say. One that leaves while the master is
         // busy may stay registered.
-        (None, Some(pid)) if *uri == known.uri && lives(pid) && listens(uri) => Found::Same,
-        (None, None) if *uri == known.uri && is_silent && listens(uri) => Found::Same,
+        (None, Some(pid)) if *uri == known.uri && lives(pid) => match is_closed(uri, ASK) {
+            true => Found::Unregistered,
+            false => Found::Same,
+        },
+        (None, None) if *uri == known.uri && is_silent && !is_closed(uri, ASK) => Found::Same,
         (None, _) => Found::Unreachable,
     }
 }
@@ -181,16 +187,6 @@ fn of_the_node(answer: Result<i32, RosError>, known: &Known) -> Option<i32> {
 /// The stack's processes, and what else is below this one.
 fn stack() -> BTreeSet<i32> {
     descendants(std::process::id(), &[])
-}
-
-/// Whether a process has the socket there, even if it does not answer, nor takes more connections.
-fn listens(uri: &str) -> bool {
-    let address = uri.trim_start_matches("http://").trim_end_matches('/').to_socket_addrs();
-    let has = |address: SocketAddr| match TcpStream::connect_timeout(&address, ASK) {
-        Ok(_) => true,
-        Err(error) => error.kind() == ErrorKind::TimedOut,
-    };
-    address.is_ok_and(|mut found| found.next().is_some_and(has))
 }
 
 /// The process that answers there, if it is none of ours: the player answers, and the master, so that
@@ -208,7 +204,7 @@ fn pid_of(uri: &str) -> Result<i32, RosError> {
 #[cfg(test)]
 mod tests {
     use std::io::{Read as _, Write as _};
-    use std::net::{Ipv4Addr, TcpListener};
+    use std::net::{Ipv4Addr, TcpListener, TcpStream};
     use std::sync::Arc;
     use std::sync::atomic::{AtomicUsize, Ordering};
     use std::time::Instant;
@@ -379,10 +375,17 @@ mod tests {
             .collect();
         assert!(kept.len() < 200);
         assert_eq!(look(served.uri(), &known).unwrap(), [Found::Same]);
+        let stayed = |mut roll: [Known; 1]| {
+            note_stayed(served.uri(), &mut roll).unwrap();
+            roll[0].stayed
+        };
+        assert!(stayed(known.clone()));
         drop((listener, kept));
-        assert_eq!(look(served.uri(), &known).unwrap(), [Found::Unreachable]);
+        assert_eq!(look(served.uri(), &known).unwrap(), [Found::Unregistered]);
+        assert!(!stayed(known.clone()));
         process.kill().unwrap();
         process.wait().unwrap();
+        assert_eq!(look(served.uri(), &known).unwrap(), [Found::Unreachable]);
     }
 
     #[test]

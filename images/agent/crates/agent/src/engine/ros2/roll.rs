@@ -7,10 +7,12 @@ use bagpipe_ros2ledger::{Endpoint, Ledger, ProcessId};
 
 use crate::stack::nodes::{Found, Known};
 
-/// All nodes. A ledger that can't be read fails the replay, so no error is reported here.
+/// The nodes of each name that run, by their processes' marks: two processes may have nodes of one name.
+type Alive = BTreeMap<String, BTreeMap<String, Known>>;
+
+/// All nodes, in each of their processes. A ledger that can't be read fails the replay, so no error is reported here.
 pub fn roll(ledger: &Ledger) -> Vec<Known> {
-    let alive = live_nodes(ledger, &endpoints(ledger));
-    alive.into_iter().map(|(name, process)| known(name, process)).collect()
+    live_nodes(ledger, &endpoints(ledger)).into_values().flat_map(BTreeMap::into_values).collect()
 }
 
 fn known(name: String, process: ProcessId) -> Known {
@@ -30,7 +32,7 @@ pub fn met(ledger: &Ledger) -> Vec<Known> {
 pub fn note_stayed(ledger: &Ledger, roll: &mut [Known]) {
     let alive = live_nodes(ledger, &endpoints(ledger));
     for known in roll {
-        known.stayed = alive.get(&known.name).is_some_and(|process| mark(*process) == known.uri);
+        known.stayed = is_there(known, &alive);
     }
 }
 
@@ -38,25 +40,44 @@ pub fn note_stayed(ledger: &Ledger, roll: &mut [Known]) {
 pub fn look(ledger: &Ledger, roll: &[Known]) -> Vec<Found> {
     let endpoints = endpoints(ledger);
     let alive = live_nodes(ledger, &endpoints);
-    roll.iter().map(|known| found(known, &endpoints, &alive)).collect()
+    let is_own =
+        |one: &Endpoint, known: &Known| one.node == known.name && mark(one.process) == known.uri;
+    // Who leaves in order destroys its endpoints first.
+    let has_left =
+        |known: &Known| endpoints.iter().filter(|one| is_own(one, known)).all(|one| one.destroyed);
+    roll.iter().map(|known| found(known, roll, &alive, has_left(known))).collect()
 }
 
-fn found(known: &Known, all: &[Endpoint], alive: &BTreeMap<String, ProcessId>) -> Found {
-    if let Some(process) = alive.get(&known.name) {
-        return if mark(*process) == known.uri { Found::Same } else { Found::Another };
+fn is_there(known: &Known, alive: &Alive) -> bool {
+    alive.get(&known.name).is_some_and(|processes| processes.contains_key(&known.uri))
+}
+
+/// What has become of one: another has its name only if that was not there before.
+fn found(known: &Known, roll: &[Known], alive: &Alive, has_left: bool) -> Found {
+    if is_there(known, alive) {
+        return Found::Same;
     }
-    // Who leaves in order destroys its endpoints first.
-    let mut own = all.iter().filter(|one| one.node == known.name && mark(one.process) == known.uri);
-    if own.all(|one| one.destroyed) { Found::Unregistered } else { Found::Unreachable }
+    let was_there =
+        |mark: &String| roll.iter().any(|before| before.name == known.name && before.uri == *mark);
+    let mut namesakes = alive.get(&known.name).into_iter().flat_map(BTreeMap::keys);
+    match namesakes.any(|mark| !was_there(mark)) {
+        true => Found::Another,
+        false if has_left => Found::Unregistered,
+        false => Found::Unreachable,
+    }
 }
 
 /// Each node that has an endpoint in a process that runs.
-fn live_nodes(ledger: &Ledger, endpoints: &[Endpoint]) -> BTreeMap<String, ProcessId> {
+fn live_nodes(ledger: &Ledger, endpoints: &[Endpoint]) -> Alive {
     let processes = ledger.processes().unwrap_or_default();
     let runs = |id: ProcessId| processes.iter().any(|process| process.id == id && process.alive);
     let there = endpoints.iter().filter(|one| !one.destroyed && !one.node.is_empty());
-    let alive = there.filter(|one| runs(one.process));
-    alive.map(|one| (one.node.clone(), one.process)).collect()
+    let mut alive = Alive::new();
+    for one in there.filter(|one| runs(one.process)) {
+        let processes = alive.entry(one.node.clone()).or_default();
+        processes.insert(mark(one.process), known(one.node.clone(), one.process));
+    }
+    alive
 }
 
 fn endpoints(ledger: &Ledger) -> Vec<Endpoint> {
@@ -66,4 +87,32 @@ fn endpoints(ledger: &Ledger) -> Vec<Endpoint> {
 /// One process, also where another has its number later.
 fn mark(process: ProcessId) -> String {
     format!("{}/{}", process.pid, process.start)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn node(pid: i32) -> Known {
+        Known { name: "/n".to_owned(), uri: format!("{pid}/5"), pid: Some(pid), stayed: false }
+    }
+
+    /// What has become of nodes of one name in these processes, where it is in those now.
+    fn become_of(before: &[i32], now: &[i32], has_left: bool) -> Vec<Found> {
+        let roll: Vec<Known> = before.iter().copied().map(node).collect();
+        let processes = now.iter().map(|pid| (node(*pid).uri, node(*pid))).collect();
+        let alive = Alive::from([("/n".to_owned(), processes)]);
+        roll.iter().map(|known| found(known, &roll, &alive, has_left)).collect()
+    }
+
+    #[test]
+    fn of_two_processes_of_one_name_each_is_itself() {
+        use Found::{Another, Same, Unreachable, Unregistered};
+        assert_eq!(become_of(&[7, 8], &[7, 8], false), [Same, Same]);
+        assert_eq!(become_of(&[7, 8], &[7], false), [Same, Unreachable]);
+        assert_eq!(become_of(&[7, 8], &[8], true), [Unregistered, Same]);
+        assert_eq!(become_of(&[7, 8], &[8, 9], true), [Another, Same]);
+        assert_eq!(become_of(&[7], &[9], false), [Another]);
+        assert_eq!(become_of(&[7], &[], true), [Unregistered]);
+    }
 }
