@@ -179,7 +179,7 @@ def test_what_the_job_itself_counts_as_failed_is_not_taken_over_as_passed(
     ("rows", "counts"),
     [
         ("passed errored", "passed"),  # an errored one says nothing of the stack
-        ("errored passed", "errored"),
+        ("errored passed", "passed"),
         ("passed invalid", "invalid"),
         ("invalid failed passed", "failed"),
     ],

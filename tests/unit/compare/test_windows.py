@@ -3,6 +3,7 @@
 from typing import Any
 
 from bagpipe.compare.compare import Comparison, compare
+from bagpipe.compare.gate import objections
 from tests.unit.compare.rows import row
 
 SECOND = 1_000_000_000
@@ -41,6 +42,20 @@ def test_another_fragment_length_makes_nothing_better_or_worse() -> None:
 def test_a_case_that_fails_in_another_window_has_not_regressed() -> None:
     found = compared(rows(60, "failed"), rows(20))
     assert (found.counts["regressed"], found.counts["unknown"]) == (0, RECORDINGS)
+
+
+def test_cases_of_another_window_that_do_not_pass_now_leave_it_open() -> None:
+    """Whatever else is alike: nobody has seen whether they would have passed there."""
+    now = [*rows(60, "failed")[:-1], rows(20)[-1]]
+    found = compared(now, rows(20))
+    assert found.verdict == "unknown"
+    assert "; 7 of another part of the recording than there (7 don't pass now)" in found.message
+    [objection] = objections(found.as_json())
+    assert objection.cause == "Unknown"
+    assert "some cases that don't pass now are of another part" in objection.message
+    passing = compared([*rows(60)[:-1], rows(20)[-1]], rows(20))
+    assert passing.verdict == "same"
+    assert objections(passing.as_json()) == []
 
 
 def test_the_lead_in_is_no_part_of_what_is_judged() -> None:

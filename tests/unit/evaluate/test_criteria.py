@@ -178,6 +178,14 @@ def test_an_expression_that_takes_too_long_is_given_up(monkeypatch: pytest.Monke
     finding = found(evidence(every(1.0)), expression={"topic": "/out", "holds": "msg.data < 5.0"})
     assert finding.outcome == "invalid"
     assert "took over 120 s for 4 of 10 messages: nest no macros" in finding.message
+    # What has failed by then has failed, unless the rest may make up for it.
+    for share, outcome in ((1.0, "failed"), (0.85, "failed"), (0.8, "invalid")):
+        each = itertools.count(0.0, MOST_SECONDS / 4)
+        monkeypatch.setattr(values, "monotonic", lambda each=each: next(each))
+        limit = {"topic": "/out", "holds": "msg.data < 2.0", "share": share}
+        finding = found(evidence(every(1.0)), expression=limit)
+        assert (finding.outcome, share) == (outcome, share), finding.message
+        assert "took over 120 s for 4 of" in finding.message
 
 
 def test_expressions_are_looked_at_before_anything_runs() -> None:

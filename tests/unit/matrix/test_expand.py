@@ -114,6 +114,7 @@ def test_a_rule_that_can_t_be_used_is_refused_with_its_place(
     [
         ({"variables": {"a": []}}, "a has no value"),
         ({"variables": {"a": [1, 1]}}, "names a value twice"),
+        ({"variables": {"a": [1, 1.0]}}, "names a value twice"),
         ({"variables": {"in": [1]}}, "can't name a variable"),
         ({"variables": {"seed": [1]}}, "has a meaning of its own"),
         ({"variables": {"a-b": [1]}}, "can't name a variable"),

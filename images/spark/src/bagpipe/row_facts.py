@@ -9,8 +9,9 @@ Row = Mapping[str, Any]
 Key = tuple[str, str, int]
 
 OUTCOMES = ("passed", "failed", "invalid", "errored")
-# Of two runs of one case the worse one counts; an errored one says nothing of the stack.
-_BADNESS = {"failed": 2, "invalid": 1}
+# Of two runs of one case the worse one counts; an errored one says nothing of the stack, and less
+# than one that passed.
+_BADNESS = {"failed": 2, "invalid": 1, "passed": 0, "errored": -1}
 # Reasons by which the stack, or a part of it, ended or restarted where it should not have.
 CRASHES = frozenset({"StackCrashed", "StackExited", "NodeGone", "NodeRespawned"})
 LOSSES = frozenset({"MessagesLost"})
@@ -20,7 +21,7 @@ TALLIES = (*OUTCOMES, "crashed", "lost", "discarded", "quarantined")
 
 def badness(row: Row) -> int:
     """How much a row says against the stack: of two rows of one case the greater one counts."""
-    return _BADNESS.get(str(row["outcome"]), 0)
+    return _BADNESS.get(str(row["outcome"]), -1)
 
 
 def is_finite(number: Any) -> bool:

@@ -112,13 +112,15 @@ def _compared(
         series = [each for each in series if each != ROUNDS]
     criteria = compared(series, pairs)
     criteria = [one for one in criteria if one.name not in FIGURES or _says_something(one)]
+    doubtful = sum(_doubtful(before, after) for before, after in both)
     verdict, message = _verdict(counts, became, criteria)
+    verdict = "unknown" if doubtful and verdict in ("same", "better") else verdict
     fails = sum(variant[key].worst != "passed" for key in variant.keys() - found.keys())
     message += f" ({fails} not passed)" if fails else ""
     unmeasured = _unmeasured(baseline, variant, titles(series))
     message += f"; {len(hidden)} worse in quarantine" if hidden else ""
     message += f"; measured no more: {', '.join(unmeasured)}" if unmeasured else ""
-    message += _of_pairs(both)
+    message += _of_pairs(both, doubtful)
     return Comparison(
         name, called, verdict, message, counts, {word: became[word] for word in _BECAME},
         regressed=regressed[:MOST_NAMED], fixed=_named("fixed", found, variant),
@@ -128,13 +130,20 @@ def _compared(
     )  # fmt: skip
 
 
-def _of_pairs(pairs: Sequence[tuple[Rounds, Rounds]]) -> str:
+def _doubtful(before: Rounds, after: Rounds) -> bool:
+    """Whether a case does not pass any more, of which another part of the recording was played."""
+    passed = before.worst == "passed" and after.worst != "passed"
+    return passed and windows_differ(before, after)
+
+
+def _of_pairs(pairs: Sequence[tuple[Rounds, Rounds]], doubtful: int) -> str:
     """In how many pairs something was not alike, after a semicolon; else nothing."""
     uncounted = sum(losses_differ(before, after) for before, after in pairs)
     other = sum(before.recording != after.recording for before, after in pairs)
     windows = sum(windows_differ(before, after) for before, after in pairs)
     files = sum(files_differ(before, after) for before, after in pairs)
     message = f"; {windows} of another part of the recording than there" if windows else ""
+    message += f" ({doubtful} don't pass now)" if doubtful else ""
     message += f"; {files} played from a file that has changed since" if files else ""
     if uncounted:
         message += f"; losses not compared in {uncounted} case{'s' * (uncounted != 1)}, in which"
@@ -155,18 +164,19 @@ def _unmeasured(
 ) -> list[str]:
     """Figures of which the variant has not one: nothing would say that they are gone.
 
-    One of several bounds may be gone alone, as where a criterion has one less now.
+    One of several bounds may be gone alone, as where a criterion has one less now; and which way a
+    figure is better may have changed.
     """
     before, now = (
         {
-            series
+            series[:3]: series
             for rounds in version.values()
             for series, figures in rounds.figures.items()
             if figures
         }
         for version in (baseline, variant)
     )
-    gone = (series for series in before - now if series.name not in FIGURES)
+    gone = (before[key] for key in before.keys() - now if before[key].name not in FIGURES)
     return sorted(called[series] for series in gone) if now else []
 
 

@@ -54,7 +54,7 @@ def _doubted(earlier: EarlierResults, storage: Storage) -> set[str]:
     """Cases against which some row speaks, of results that may have several of one case."""
     if _committed(earlier, storage):
         return set()
-    return {row["case"] for row in all_rows(earlier, storage) if badness(row)}
+    return {row["case"] for row in all_rows(earlier, storage) if badness(row) > 0}
 
 
 def _committed(earlier: EarlierResults, storage: Storage) -> str:

@@ -88,7 +88,7 @@ class Keeper:
         taken: dict[str, int] = {}
         for row in self.journal.rows():
             case = cases.get(row["case"])
-            if case is None or not is_of(row, case) or badness(row) <= taken.get(case.id, -1):
+            if case is None or not is_of(row, case) or badness(row) <= taken.get(case.id, -2):
                 continue
             self.rows.replace(self.quarantine.marked(row))
             taken[case.id] = badness(row)

@@ -145,5 +145,6 @@ def _check_values(name: str, values: Variable) -> None:
         raise ValueError(f"{name} has no value: write at least one")
     if len(listed) > MOST_VALUES:
         raise ValueError(f"{name} has {len(listed)} values, and may have {MOST_VALUES}")
-    if len({(type(value), value) for value in listed}) != len(listed):
+    # 1 and 1.0 are one value to an API server, and to comparisons.
+    if len({(isinstance(value, bool), value) for value in listed}) != len(listed):
         raise ValueError(f"{name} names a value twice: leave one out")
