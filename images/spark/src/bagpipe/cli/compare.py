@@ -29,7 +29,7 @@ _ALLOW: dict[Cause, tuple[str, str]] = {
     "WorseCriteria": ("--allow-worse-criteria", "Criteria with worse figures don't count."),
     "Unknown": (
         "--allow-unknown",
-        "That cases which don't pass now, or all, could not be compared doesn't count.",
+        "That all cases, or those that don't pass now, could not be compared doesn't count.",
     ),
 }
 
@@ -61,7 +61,8 @@ def compare_command(
     Each is job/NAME for a job in the cluster (NAME alone after -n), a URI as in status.results, or
     a folder of this machine. Cases are the same if they have the same fragment, values and seed.
     The exit status is 1 if a variant of AFTER is worse or lacks cases of BEFORE, and 2 if no case
-    could be compared, or none of those that don't pass now. What is allowed is reported all the same.
+    could be compared, or none of those that don't pass now. What is allowed is reported all the
+    same.
 
     \b
     bagpipe compare job/nightly-41 job/nightly-42 -n robots

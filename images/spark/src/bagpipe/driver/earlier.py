@@ -34,11 +34,10 @@ def passed_rows(earlier: EarlierResults, planned: Plan, storage: Storage) -> Ite
         )
     cases = {case.id: case for case in planned.cases}
     doubted = _doubted(earlier, storage)
-    seen: set[str] = set()
+    taken: set[str] = set()
     for row in all_rows(earlier, storage):
-        if "window" not in row or row["case"] in seen:  # a bag that yields no case
+        if "window" not in row or row["case"] in taken:  # a bag that yields no case
             continue
-        seen.add(row["case"])
         case = cases.get(row["case"])
         if case is None or not is_of(row, case):
             raise CannotResumeError(
@@ -47,6 +46,7 @@ def passed_rows(earlier: EarlierResults, planned: Plan, storage: Storage) -> Ite
                 " planned it. Leave out spec.resumeFrom to run all cases."
             )
         if row["outcome"] == "passed" and row["case"] not in doubted:
+            taken.add(row["case"])
             yield _taken_over(row, earlier)
 
 
