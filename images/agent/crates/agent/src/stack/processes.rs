@@ -183,19 +183,27 @@ pub fn signal(pid: i32, signal: Signal) {
     }
 }
 
-/// Whether a process runs, and is no zombie.
+/// Whether a process runs, and is no zombie: a thread of it does, which need not be its first.
 pub fn is_alive(pid: i32) -> bool {
-    let stat = std::fs::read(format!("/proc/{pid}/stat")).unwrap_or_default();
-    let text = String::from_utf8_lossy(&stat);
-    let state = text.rsplit(')').next().and_then(|after| after.split_whitespace().next());
-    state.is_some_and(|state| !matches!(state, "Z" | "X"))
+    let runs = |thread: PathBuf| {
+        let stat = std::fs::read(thread.join("stat")).unwrap_or_default();
+        let text = String::from_utf8_lossy(&stat);
+        let state = text.rsplit(')').next().and_then(|after| after.split_whitespace().next());
+        state.is_some_and(|state| !matches!(state, "Z" | "X"))
+    };
+    threads(pid).any(runs)
+}
+
+/// The folder of each thread in /proc.
+fn threads(pid: i32) -> impl Iterator<Item = PathBuf> {
+    let threads = std::fs::read_dir(format!("/proc/{pid}/task")).into_iter().flatten().flatten();
+    threads.map(|thread| thread.path())
 }
 
 /// Whether a process ends already, however it is asked to: the kernel writes its core, which SIGKILL
 /// alone ends sooner, or its threads go one after another, and its memory.
 pub fn is_ending(pid: i32) -> bool {
-    let threads = std::fs::read_dir(format!("/proc/{pid}/task")).into_iter().flatten().flatten();
-    let mut threads = threads.map(|thread| thread.path()).peekable();
+    let mut threads = threads(pid).peekable();
     let ends = |thread: PathBuf| {
         let read = |file: &str| std::fs::read(thread.join(file)).unwrap_or_default();
         let text = |file: &str| String::from_utf8_lossy(&read(file)).into_owned();
@@ -269,13 +277,17 @@ ctypes.CDLL(None).syscall({'x86_64': 60, 'aarch64': 93}[os.uname().machine], 0)"
             std::process::Command::new("/usr/bin/python3").args(["-c", program]).spawn().unwrap();
         let pid = i32::try_from(child.id()).unwrap();
         let deadline = Instant::now() + Duration::from_secs(20);
-        while is_alive(pid) && Instant::now() < deadline {
+        let has_ended = || {
+            let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap();
+            stat.rsplit_once(')').unwrap().1.starts_with(" Z")
+        };
+        while !has_ended() && Instant::now() < deadline {
             pause(Duration::from_millis(5));
         }
-        assert!(!is_alive(pid), "its first thread has not ended");
-        assert!(!is_ending(pid));
+        assert!(has_ended(), "its first thread has not ended");
+        assert!(is_alive(pid) && !is_ending(pid));
         child.kill().unwrap();
         child.wait().unwrap();
-        assert!(!is_ending(pid));
+        assert!(!is_alive(pid) && !is_ending(pid));
     }
 }
