@@ -68,3 +68,15 @@ def test_results_of_before_have_the_figure_that_decided_and_are_compared_by_it()
     assert {each.name: each.pairs for each in found.criteria} == {"c (bytes)": 12, "c (CPUs)": 0}
     assert "measured no more" not in found.message
     assert "measured no more: c (CPUs)" in against(used(1.4).as_row(), earlier).message
+
+
+def test_a_figure_whose_other_way_is_better_now_is_named_and_not_compared() -> None:
+    """As of a rate that had a least one and has a greatest one now."""
+    before = turned(0.5).as_row()
+    other = {"lower": "higher", "higher": "lower"}
+    figures = [each | {"direction": other[each["direction"]]} for each in before["figures"]]
+    now = before | {"direction": other[before["direction"]], "figures": figures}
+    found = against(before, now)
+    assert "not compared, as the other way is better now: c" in found.message
+    assert "measured no more" not in found.message
+    assert "the other way" not in against(before, before).message

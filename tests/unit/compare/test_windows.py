@@ -49,13 +49,35 @@ def test_cases_of_another_window_that_do_not_pass_now_leave_it_open() -> None:
     now = [*rows(60, "failed")[:-1], rows(20)[-1]]
     found = compared(now, rows(20))
     assert found.verdict == "unknown"
-    assert "; 7 of another part of the recording than there (7 don't pass now)" in found.message
+    assert (
+        "; 7 of another part of the recording than there (7 pass less often now)" in found.message
+    )
     [objection] = objections(found.as_json())
     assert objection.cause == "Unknown"
-    assert "some cases that don't pass now are of another part" in objection.message
+    assert "7 pass less often now and were not compared" in objection.message
     passing = compared([*rows(60)[:-1], rows(20)[-1]], rows(20))
     assert passing.verdict == "same"
     assert objections(passing.as_json()) == []
+
+
+def test_what_is_allowed_hides_no_case_that_is_open() -> None:
+    now = [*rows(60, "failed")[:-2], rows(20, "failed")[-2], rows(20)[-1]]
+    found = compared(now, rows(20))
+    assert (found.verdict, found.counts["regressed"], found.doubtful) == ("worse", 1, 6)
+    assert [one.cause for one in objections(found.as_json())] == ["Regressed", "Unknown"]
+    [objection] = objections(found.as_json(), {"Regressed"})
+    assert objection.cause == "Unknown"
+
+
+def test_a_case_that_flaked_before_and_never_passes_in_another_window_is_open() -> None:
+    then = [each for n in range(10) for each in rows(20, "passed" if n else "failed", round=n)]
+    now = [
+        {**each, "round": n}
+        for n in range(10)
+        for each in [*rows(60, "failed")[:-1], rows(20, "passed" if n else "failed")[-1]]
+    ]
+    found = compared(now, then)
+    assert (found.verdict, found.doubtful) == ("unknown", RECORDINGS - 1)
 
 
 def test_the_lead_in_is_no_part_of_what_is_judged() -> None:

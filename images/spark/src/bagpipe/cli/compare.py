@@ -29,7 +29,7 @@ _ALLOW: dict[Cause, tuple[str, str]] = {
     "WorseCriteria": ("--allow-worse-criteria", "Criteria with worse figures don't count."),
     "Unknown": (
         "--allow-unknown",
-        "That all cases, or those that don't pass now, could not be compared doesn't count.",
+        "That no case, or not one that passes less often now, could be compared doesn't count.",
     ),
 }
 
@@ -61,7 +61,7 @@ def compare_command(
     Each is job/NAME for a job in the cluster (NAME alone after -n), a URI as in status.results, or
     a folder of this machine. Cases are the same if they have the same fragment, values and seed.
     The exit status is 1 if a variant of AFTER is worse or lacks cases of BEFORE, and 2 if no case
-    could be compared, or none of those that don't pass now. What is allowed is reported all the
+    could be compared, or not one that passes less often now. What is allowed is reported all the
     same.
 
     \b

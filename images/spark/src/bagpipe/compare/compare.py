@@ -33,6 +33,9 @@ _BECAME = ("failed", "invalid", "errored", "missing")
 class Comparison:
     """One variant against the baseline.
 
+    `doubtful` is how many cases pass less often now, and were not compared since another part of
+    the recording was played.
+
     `regressed` has maps of a case of the variant, what it came `to` and the `reason`; of a missing
     one the baseline's name. `fixed` and `flaky` name cases of the variant, `missing` those of the
     baseline that the variant lacks. At most MOST_NAMED are named of each; `counts` has all their
@@ -52,6 +55,7 @@ class Comparison:
     missing: list[str]
     criteria: list[CriterionComparison] = field(default_factory=list)
     quarantined: list[dict[str, str]] = field(default_factory=list)
+    doubtful: int = 0
 
     def as_json(self) -> dict[str, Any]:
         """As it stands in comparison.json."""
@@ -120,20 +124,24 @@ def _compared(
     unmeasured = _unmeasured(baseline, variant, titles(series))
     message += f"; {len(hidden)} worse in quarantine" if hidden else ""
     message += f"; measured no more: {', '.join(unmeasured)}" if unmeasured else ""
+    turned = _turned(baseline, variant, titles(series))
+    message += (
+        f"; not compared, as the other way is better now: {', '.join(turned)}" if turned else ""
+    )
     message += _of_pairs(both, doubtful)
     return Comparison(
         name, called, verdict, message, counts, {word: became[word] for word in _BECAME},
         regressed=regressed[:MOST_NAMED], fixed=_named("fixed", found, variant),
         flaky=_named("flaky", found, variant),
         missing=[rounds.cases[0] for rounds in missing.values()][:MOST_NAMED], criteria=criteria,
-        quarantined=hidden[:MOST_NAMED],
+        quarantined=hidden[:MOST_NAMED], doubtful=doubtful,
     )  # fmt: skip
 
 
 def _doubtful(before: Rounds, after: Rounds) -> bool:
-    """Whether a case does not pass any more, of which another part of the recording was played."""
-    passed = before.worst == "passed" and after.worst != "passed"
-    return passed and windows_differ(before, after)
+    """Whether a case passes less often, of which another part of the recording was played."""
+    fewer = after.passed * len(before.outcomes) < before.passed * len(after.outcomes)
+    return fewer and windows_differ(before, after)
 
 
 def _of_pairs(pairs: Sequence[tuple[Rounds, Rounds]], doubtful: int) -> str:
@@ -143,7 +151,7 @@ def _of_pairs(pairs: Sequence[tuple[Rounds, Rounds]], doubtful: int) -> str:
     windows = sum(windows_differ(before, after) for before, after in pairs)
     files = sum(files_differ(before, after) for before, after in pairs)
     message = f"; {windows} of another part of the recording than there" if windows else ""
-    message += f" ({doubtful} don't pass now)" if doubtful else ""
+    message += f" ({doubtful} pass less often now)" if doubtful else ""
     message += f"; {files} played from a file that has changed since" if files else ""
     if uncounted:
         message += f"; losses not compared in {uncounted} case{'s' * (uncounted != 1)}, in which"
@@ -167,17 +175,28 @@ def _unmeasured(
     One of several bounds may be gone alone, as where a criterion has one less now; and which way a
     figure is better may have changed.
     """
-    before, now = (
-        {
-            series[:3]: series
-            for rounds in version.values()
-            for series, figures in rounds.figures.items()
-            if figures
-        }
-        for version in (baseline, variant)
-    )
-    gone = (before[key] for key in before.keys() - now if before[key].name not in FIGURES)
+    before, now = _measured(baseline), _measured(variant)
+    gone = (each for key in before.keys() - now for each in before[key] if key[0] not in FIGURES)
     return sorted(called[series] for series in gone) if now else []
+
+
+def _turned(
+    baseline: Mapping[Key, Rounds], variant: Mapping[Key, Rounds], called: Mapping[Series, str]
+) -> list[str]:
+    """Figures that both have, of which the other way is better now: nothing compares them."""
+    before, now = _measured(baseline), _measured(variant)
+    turned = (key for key in before.keys() & now if not before[key] & now[key])
+    return sorted(called[series] for key in turned for series in before[key])
+
+
+def _measured(version: Mapping[Key, Rounds]) -> dict[tuple[str, str, str], set[Series]]:
+    """The series of which a version has figures, by what they are of."""
+    found: dict[tuple[str, str, str], set[Series]] = {}
+    for rounds in version.values():
+        for series, figures in rounds.figures.items():
+            if figures:
+                found.setdefault(series[:3], set()).add(series)
+    return found
 
 
 def _says_something(one: CriterionComparison) -> bool:

@@ -102,10 +102,16 @@ impl Facts<'_> {
                     .push((end.map(|end| end.at), self.entry(cause, Thing::Node, &node.name, end)));
             }
         }
-        for (node, end) in self.ends_of_absent(&nodes_pids) {
-            nodes_pids.push(end.pid);
-            let entry = self.entry(Cause::StackCrashed, Thing::Node, &node.name, Some(end));
-            found.push((Some(end.at), entry));
+        let command = self.command.map(|(pid, _)| pid);
+        for node in &self.absent {
+            // Whose process is known already has its entry, or lived on.
+            if node.pid.is_some_and(|pid| nodes_pids.contains(&pid) || command == Some(pid)) {
+                continue;
+            }
+            let end = self.ends.iter().find(|end| Some(end.pid) == node.pid);
+            let Some(cause) = of_absent(node, end) else { continue };
+            nodes_pids.extend(node.pid);
+            found.push((end.map(|end| end.at), self.entry(cause, Thing::Node, &node.name, end)));
         }
         for end in self.ends.iter().filter(|end| !nodes_pids.contains(&end.pid)) {
             let command = self.command.filter(|(pid, _)| *pid == end.pid);
@@ -124,22 +130,6 @@ impl Facts<'_> {
         }
         found.sort_by_key(|(at, _)| (at.is_none(), *at));
         found.into_iter().map(|(_, entry)| entry).collect()
-    }
-
-    /// The ends that are a crash of nodes that had left when the play began, unless other nodes lived in their processes, or
-    /// the command did: a script may end a node of its own by a signal before it starts the rest.
-    fn ends_of_absent(&self, nodes_pids: &[i32]) -> Vec<(&Known, &ProcessEnd)> {
-        let is_known = |pid: i32| {
-            nodes_pids.contains(&pid) || self.command.is_some_and(|(command, _)| command == pid)
-        };
-        let is_crash = |end: &&ProcessEnd| {
-            let Some(ended) = end.ended.filter(|_| !is_known(end.pid)) else { return false };
-            ended.exit_status.is_some_and(|status| status != 0)
-                || ended.signal.is_some_and(|signal| !ORDERLY.contains(&signal))
-        };
-        let of = |end: &ProcessEnd| self.absent.iter().find(|node| node.pid == Some(end.pid));
-        let crashes = self.ends.iter().filter(is_crash);
-        crashes.filter_map(|end| Some((of(end)?, end))).collect()
     }
 
     /// Nodes that were in the graph when all input was out and have left it since, while no process
@@ -228,6 +218,19 @@ impl Facts<'_> {
             (ended.and_then(|e| e.exit_status), ended.and_then(|e| e.signal));
         StackEnded { cause, what, name: name.to_owned(), exit_status, signal, bag_seconds, message }
     }
+}
+
+/// Of a node that had left when the play began: a script may end one of its own before it starts the rest. How one ended
+/// that took no leave may be unknown.
+fn of_absent(node: &Known, end: Option<&ProcessEnd>) -> Option<Cause> {
+    let Some(ended) = end.and_then(|end| end.ended) else {
+        return node.stayed.then_some(Cause::NodeGone);
+    };
+    let by_signal = |signal: i32| !ORDERLY.contains(&signal);
+    // A shell gives 128 and the signal.
+    let by_status = |status: i32| status != 0 && by_signal(status - 128);
+    let is_crash = ended.exit_status.is_some_and(by_status) || ended.signal.is_some_and(by_signal);
+    is_crash.then_some(Cause::StackCrashed)
 }
 
 /// Whether a signal ended it that the agent sends: that does not show how a node went before.

@@ -10,7 +10,7 @@ pub struct Known {
     pub uri: String,
     /// None where it did not say.
     pub pid: Option<i32>,
-    /// Whether the graph still had it when all input was out.
+    /// Whether the graph still had it when all input was out; of one that had ended before the play, when that began.
     pub stayed: bool,
 }
 
@@ -36,10 +36,17 @@ pub struct Nodes {
     pub absent: Vec<Known>,
 }
 
-/// Those of the nodes that were `met` that are not in the roll: they had left when the play began.
-pub fn absent(met: Vec<Known>, roll: &[Known]) -> Vec<Known> {
+/// Those of the nodes that were `met`, in their order, that had left when the play began: not those of a process of which a
+/// node was there again by then, and of several processes of one name the last.
+pub fn absent(met: &[Known], roll: &[Known]) -> Vec<Known> {
     let is_there = |node: &Known| roll.iter().any(|known| known.name == node.name);
-    met.into_iter().filter(|node| !is_there(node)).collect()
+    let same_process =
+        |node: &Known, other: &Known| (node.pid, &node.uri) == (other.pid, &other.uri);
+    let is_back =
+        |node: &Known| met.iter().any(|other| same_process(node, other) && is_there(other));
+    let last = |(at, node): &(usize, &Known)| met[at + 1..].iter().all(|one| one.name != node.name);
+    let gone = met.iter().enumerate().filter(last).map(|(_, node)| node);
+    gone.filter(|node| !is_back(node)).cloned().collect()
 }
 
 /// The processes of nodes that have left the graph, without those that other nodes still live in.
@@ -90,5 +97,22 @@ mod tests {
         let first = vec![Found::Same, Found::Same, Found::Unregistered];
         let again = vec![Found::Same, Found::Unregistered, Found::Another];
         assert_eq!(later(first, again), [Found::Same, Found::Unregistered, Found::Unregistered]);
+    }
+
+    #[test]
+    fn who_had_left_is_not_absent_once_it_is_back_or_another_process_of_it_is_done() {
+        let known = |name: &str, pid: i32| Known {
+            name: name.to_owned(),
+            uri: String::new(),
+            pid: Some(pid),
+            stayed: false,
+        };
+        let (first, second) = (known("/spawner", 4), known("/spawner", 5));
+        assert_eq!(absent(&[first.clone(), second.clone()], &[]), [second]);
+        let listener = known("/listener_55aa", 4);
+        let there = [Known { pid: Some(6), ..first.clone() }];
+        assert_eq!(absent(&[first.clone(), listener.clone()], &there), []);
+        assert_eq!(absent(&[first, known("/other", 7)], &there), [known("/other", 7)]);
+        assert_eq!(absent(std::slice::from_ref(&listener), &there), [listener.clone()]);
     }
 }

@@ -80,11 +80,12 @@ impl Runner<'_> {
             Err(Failure::Silent(_)) => Vec::new(),
             _ => self.look_at_nodes(),
         };
+        let absent = match played {
+            Err(Failure::Silent(_)) => Vec::new(),
+            _ => self.absent_nodes(),
+        };
         let mut stack = self.end_everything(program);
         if let Ok((Some(stack), _)) = &mut stack {
-            let has_begun = self.course.borrow().iter().any(|one| one.stage != Stage::Subscribe);
-            // Whatever ended of a stack that was waited for in vain may be why.
-            let absent = if has_begun { self.absent.take() } else { self.host.met() };
             let nodes = Nodes { there: nodes, absent };
             let command = &self.case.stack.command;
             stack.judge(command, nodes, &self.course.borrow(), played.is_ok());
@@ -247,7 +248,7 @@ impl Runner<'_> {
         {
             match self.host.roll() {
                 Ok(roll) => {
-                    *self.absent.borrow_mut() = absent(self.host.met(), &roll);
+                    *self.absent.borrow_mut() = absent(&self.host.met(), &roll);
                     *self.roll.borrow_mut() = roll;
                 }
                 Err(failure) => self.note_unseen(failure),
@@ -275,6 +276,17 @@ impl Runner<'_> {
                 Vec::new()
             }
         }
+    }
+
+    /// The nodes that had left when the play began, or by now where it never did: whatever ended of a stack that was waited
+    /// for in vain may be why.
+    fn absent_nodes(&self) -> Vec<Known> {
+        if self.course.borrow().iter().any(|one| one.stage != Stage::Subscribe) {
+            return self.absent.take();
+        }
+        // Who can't be asked has its own failure.
+        let roll = self.host.roll().unwrap_or_default();
+        absent(&self.host.met(), &roll)
     }
 
     fn look_until(&self, roll: &[Known], deadline: Instant) -> Result<Vec<Found>, Failure> {

@@ -47,14 +47,16 @@ impl Met {
     /// Gives nodes that did not say it the process that has registered them last; one whose process has ended is not
     /// there, though the master has it: it took no leave.
     pub fn name_processes(&self, roll: &mut Vec<Known>) {
-        let noted = self.noted();
+        let mut noted = self.noted();
         roll.retain_mut(|node| {
             if node.pid.is_some() {
                 return true;
             }
-            let same = noted.nodes.iter().rev().find(|met| met.name == node.name);
-            node.pid = same.and_then(|met| met.pid);
-            node.pid.is_none_or(is_alive)
+            let mut latest = noted.nodes.iter_mut().rev();
+            let Some(same) = latest.find(|met| met.name == node.name) else { return true };
+            node.pid = same.pid;
+            same.stayed = !node.pid.is_none_or(is_alive);
+            !same.stayed
         });
     }
 
@@ -72,9 +74,10 @@ impl Noted {
     }
 }
 
-/// Whether a node is one of rostopic's, which a script may start, and end as it likes.
+/// Whether a node is one of rostopic's or rosservice's, which a script may start, and end as it likes.
 fn is_of_command_line(name: &str) -> bool {
-    name.starts_with("/rostopic_")
+    let own = name.rsplit('/').next().unwrap_or(name);
+    own.starts_with("rostopic_") || own.starts_with("rosservice_")
 }
 
 #[cfg(test)]
@@ -111,7 +114,8 @@ sys.exit(3)";
             assert_eq!(child.wait().unwrap().code(), Some(3));
             i32::try_from(child.id()).unwrap()
         };
-        let pid = run(&["/a", "/a", "/b", "/rostopic_7_8", "/bagpipe_player_7"]);
+        let people = ["/rostopic_7_8", "/robot/rostopic_7_8", "/rosservice_7_8"];
+        let pid = run(&[&["/a", "/a", "/b", "/bagpipe_player_7"][..], &people].concat());
         let unnamed = |name: &str| Known {
             name: name.to_owned(),
             uri: String::new(),
@@ -128,8 +132,10 @@ sys.exit(3)";
         assert_eq!(roll.iter().map(|one| one.pid).collect::<Vec<_>>(), [Some(own), Some(7)]);
         met.noted().nodes.pop();
         let noted = met.take();
-        let named: Vec<_> = noted.iter().map(|one| (one.name.as_str(), one.pid)).collect();
-        assert_eq!(named, [("/a", Some(pid)), ("/b", Some(pid))]);
+        let named = noted.iter().map(|one| (one.name.as_str(), one.pid, one.stayed));
+        // The master had /a when its process had ended.
+        let expected = [("/a", Some(pid), true), ("/b", Some(pid), false)];
+        assert_eq!(named.collect::<Vec<_>>(), expected);
         run(&["/late"]);
         assert_eq!(met.take(), []);
     }

@@ -20,11 +20,13 @@ fn known(name: String, process: ProcessId) -> Known {
     Known { name, uri: mark(process), pid, stayed: false }
 }
 
-/// Each node that has had an endpoint by now, in each of its processes.
+/// Each node that has had an endpoint by now, in each of its processes, the oldest first.
 pub fn met(ledger: &Ledger) -> Vec<Known> {
     let named = endpoints(ledger).into_iter().filter(|one| !one.node.is_empty());
     let others = named.filter(|one| !is_of_command_line(&one.node));
     let met: BTreeSet<(String, ProcessId)> = others.map(|one| (one.node, one.process)).collect();
+    let mut met: Vec<(String, ProcessId)> = met.into_iter().collect();
+    met.sort_by_key(|(_, process)| process.start);
     met.into_iter().map(|(name, process)| known(name, process)).collect()
 }
 

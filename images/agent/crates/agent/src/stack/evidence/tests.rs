@@ -260,6 +260,7 @@ fn a_node_that_ended_badly_before_the_play_is_a_crash() {
     // Its work was done, or a script has ended it; of another process it is not known that it was a node.
     assert!(without(end(7, before, Some(0), None)).is_empty());
     assert!(without(end(7, before, None, Some(15))).is_empty());
+    assert!(without(end(7, before, Some(143), None)).is_empty());
     assert!(without(end(7, before, None, None)).is_empty());
     assert!(without(end(4, before, Some(1), None)).is_empty());
 }
@@ -274,4 +275,20 @@ fn an_end_is_reported_once_also_of_a_process_of_two_nodes() {
         judged_without(&ends, nodes, begun),
         ["StackCrashed: the node /planner ended with exit status 1 at 2.0 s of the window"]
     );
+}
+
+#[test]
+fn a_node_that_ended_before_the_play_and_took_no_leave_is_gone_unless_it_is_known_how() {
+    let begun = Instant::now();
+    let before = begun + Duration::from_millis(500);
+    let course = course(begun);
+    let with = |ends: &[ProcessEnd]| {
+        let absent = vec![Known { stayed: true, ..node(7) }];
+        let facts = Facts { ends, absent, course: &course, ..Facts::default() };
+        facts.evidence().into_iter().map(|end| end.cause).collect::<Vec<_>>()
+    };
+    assert_eq!(with(&[end(7, before, None, None)]), [Cause::NodeGone]);
+    assert_eq!(with(&[]), [Cause::NodeGone]);
+    assert_eq!(with(&[end(7, before, None, Some(15))]), []);
+    assert_eq!(with(&[end(7, before, Some(1), None)]), [Cause::StackCrashed]);
 }
