@@ -4,9 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use crate::accounts::Due;
-
-/// By what a publisher is known in the graph, in the ledger and with each message.
-pub(crate) type Gid = [u8; 16];
+use crate::handed::{Gid, Handed};
 
 /// Publishers of a topic that are distinguished; messages of more are nobody's known.
 const MOST: usize = 4096;
@@ -41,29 +39,10 @@ impl Come {
     }
 }
 
-/// How many messages of a topic were handed to the sink.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Handed {
-    pub(crate) all: u64,
-    of: BTreeMap<Gid, u64>,
-}
-
-impl Handed {
-    /// Of one publisher.
-    pub(crate) fn of(&self, gid: &Gid) -> u64 {
-        self.of.get(gid).copied().unwrap_or(0)
-    }
-
-    /// Of those whose publisher is not known.
-    pub(crate) fn of_nobody(&self) -> u64 {
-        self.all - self.of.values().sum::<u64>()
-    }
-}
-
 impl Counts {
     fn handed(&self, count: impl Fn(Come) -> u64) -> Handed {
         let of = self.of.iter().map(|(gid, come)| (*gid, count(*come)));
-        Handed { all: count(self.all), of: of.collect() }
+        Handed::new(count(self.all), of.collect())
     }
 
     fn missing(&self, due: &Due) -> u64 {

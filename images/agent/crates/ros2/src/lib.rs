@@ -24,6 +24,7 @@ mod clock;
 mod connections;
 mod definition;
 mod error;
+mod handed;
 mod life;
 mod link;
 mod middleware;

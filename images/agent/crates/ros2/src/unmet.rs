@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use bagpipe_ros2ledger::{Endpoint, EndpointId};
 
-use crate::arrivals::{Gid, Handed};
+use crate::handed::{Gid, Handed};
 
 /// Who came during the play may publish for so long before it and the recorder know each other.
 const LATE: Duration = Duration::from_secs(2);

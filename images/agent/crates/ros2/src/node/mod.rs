@@ -18,10 +18,10 @@ use bagpipe_ros2ledger::{Flow, Ledger, LedgerError};
 use bagpipe_ros2player::{Player, Reliability};
 
 use self::others::Around;
-use crate::arrivals::Handed;
 use crate::audit::Reader;
 use crate::definition::otherwise_installed;
 use crate::error::failed;
+use crate::handed::Handed;
 use crate::recording::{Inputs, Receiving};
 use crate::seen::{all_count, namesakes, people_who_publish};
 use crate::stillness::Stillness;
