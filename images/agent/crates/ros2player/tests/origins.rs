@@ -6,8 +6,11 @@ mod standin;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-use bagpipe_ros2player::{Player, Received};
+use bagpipe_ros2player::{Durability, Player, Qos, Received};
 use standin::{ALL, Graph, LONG, Node, eventually};
+
+/// For who comes late as well.
+const KEPT: Qos = Qos { durability: Durability::TransientLocal, ..ALL };
 
 type Gid = [u8; 16];
 
@@ -41,11 +44,7 @@ fn of_two(graph: &Graph, origins: Option<&str>) -> (u64, u64, u64) {
     let player = Player::start(&options).unwrap();
     let _nodes = [start(graph, "/few", "3"), start(graph, "/more", "5")];
     eventually(|| listed(graph).len() == 2);
-    let kept = bagpipe_ros2player::Qos {
-        durability: bagpipe_ros2player::Durability::TransientLocal,
-        ..ALL
-    };
-    player.subscribe("/out", "std_msgs/String", &kept).unwrap();
+    player.subscribe("/out", "std_msgs/String", &KEPT).unwrap();
     let (of, gids) = (received(&player, 8), listed(graph));
     let many = |gid: Option<Gid>| of.get(&gid).copied().unwrap_or(0);
     (many(Some(gids["/few"])), many(Some(gids["/more"])), many(None))
@@ -75,11 +74,7 @@ fn who_was_known_once_is_known_when_it_has_left() {
         let node = start(&graph, "/few", "3");
         eventually(|| listed(&graph).len() == 1);
         let gid = listed(&graph)["/few"];
-        let kept = bagpipe_ros2player::Qos {
-            durability: bagpipe_ros2player::Durability::TransientLocal,
-            ..ALL
-        };
-        let subscription = player.subscribe("/out", "std_msgs/String", &kept).unwrap();
+        let subscription = player.subscribe("/out", "std_msgs/String", &KEPT).unwrap();
         eventually(|| player.taken(subscription) == 3);
         drop(node);
         assert_eq!(received(&player, 3), BTreeMap::from([(Some(gid), 3)]));

@@ -26,6 +26,8 @@ from bagpipe.row_facts import Key
 MOST_NAMED = 50
 
 _WORDS: tuple[ChangeWord, ...] = get_args(ChangeWord)
+# By name, unit and kind.
+_Measured = dict[tuple[str, str, str], set[Series]]
 _BECAME = ("failed", "invalid", "errored", "missing")
 
 
@@ -121,10 +123,11 @@ def _compared(
     verdict = "unknown" if doubtful and verdict in ("same", "better") else verdict
     fails = sum(variant[key].worst != "passed" for key in variant.keys() - found.keys())
     message += f" ({fails} not passed)" if fails else ""
-    unmeasured = _unmeasured(baseline, variant, titles(series))
+    called_by = titles(series)
+    measured = _measured(baseline), _measured(variant)
+    unmeasured, turned = _unmeasured(*measured, called_by), _turned(*measured, called_by)
     message += f"; {len(hidden)} worse in quarantine" if hidden else ""
     message += f"; measured no more: {', '.join(unmeasured)}" if unmeasured else ""
-    turned = _turned(baseline, variant, titles(series))
     message += (
         f"; not compared, as the other way is better now: {', '.join(turned)}" if turned else ""
     )
@@ -167,31 +170,25 @@ def _regressed(found: Mapping[Key, Change], variant: Mapping[Key, Rounds]) -> li
     ]
 
 
-def _unmeasured(
-    baseline: Mapping[Key, Rounds], variant: Mapping[Key, Rounds], called: Mapping[Series, str]
-) -> list[str]:
+def _unmeasured(before: _Measured, now: _Measured, called: Mapping[Series, str]) -> list[str]:
     """Figures of which the variant has not one: nothing would say that they are gone.
 
     One of several bounds may be gone alone, as where a criterion has one less now; and which way a
     figure is better may have changed.
     """
-    before, now = _measured(baseline), _measured(variant)
     gone = (each for key in before.keys() - now for each in before[key] if key[0] not in FIGURES)
     return sorted(called[series] for series in gone) if now else []
 
 
-def _turned(
-    baseline: Mapping[Key, Rounds], variant: Mapping[Key, Rounds], called: Mapping[Series, str]
-) -> list[str]:
+def _turned(before: _Measured, now: _Measured, called: Mapping[Series, str]) -> list[str]:
     """Figures that both have, of which the other way is better now: nothing compares them."""
-    before, now = _measured(baseline), _measured(variant)
     turned = (key for key in before.keys() & now if not before[key] & now[key])
     return sorted(called[series] for key in turned for series in before[key])
 
 
-def _measured(version: Mapping[Key, Rounds]) -> dict[tuple[str, str, str], set[Series]]:
+def _measured(version: Mapping[Key, Rounds]) -> _Measured:
     """The series of which a version has figures, by what they are of."""
-    found: dict[tuple[str, str, str], set[Series]] = {}
+    found: _Measured = {}
     for rounds in version.values():
         for series, figures in rounds.figures.items():
             if figures:

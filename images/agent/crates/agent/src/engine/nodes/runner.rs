@@ -77,16 +77,11 @@ impl Runner<'_> {
         let played = self.play(input, &mut program, &mut timings);
         let begun = Instant::now();
         let nodes = match played {
-            Err(Failure::Silent(_)) => Vec::new(),
-            _ => self.look_at_nodes(),
-        };
-        let absent = match played {
-            Err(Failure::Silent(_)) => Vec::new(),
-            _ => self.absent_nodes(),
+            Err(Failure::Silent(_)) => Nodes::default(),
+            _ => Nodes { there: self.look_at_nodes(), absent: self.absent_nodes() },
         };
         let mut stack = self.end_everything(program);
         if let Ok((Some(stack), _)) = &mut stack {
-            let nodes = Nodes { there: nodes, absent };
             let command = &self.case.stack.command;
             stack.judge(command, nodes, &self.course.borrow(), played.is_ok());
         }
