@@ -118,6 +118,8 @@ fn rostopic_receives_our_messages_and_we_receive_its_messages() {
         // The last one that each publisher latched reaches a subscriber that comes later.
         let echo = graph.spawn("/usr/bin/rostopic", &["echo", "/chatter"]);
         echo.wait_for("data: \"hello\"");
+        // It is a subscriber once all that is latched is written, which it may have read before.
+        wait_until("it has subscribed", || !publication.subscribers().is_empty());
         let world = frame("world");
         publication.send(Share::Counted, &[&world, &world], &mut || false).unwrap();
         echo.wait_for("data: \"world\"");

@@ -93,9 +93,11 @@ pub fn write_program(file: &Path, bytes: &[u8]) {
     assert!(Command::new("cp").arg(&draft).arg(file).status().unwrap().success());
 }
 
-/// What those of other processes don't have.
+/// What those of other processes don't have, and places beside theirs: a case of forty processes may
+/// be in a domain of this number, and a tag keeps apart who is met, but not the ports.
 fn tag() -> String {
-    format!("<Tag>bagpipe-{}</Tag>", std::process::id())
+    let places = "<MaxAutoParticipantIndex>119</MaxAutoParticipantIndex>";
+    format!("<Tag>bagpipe-{}</Tag>{places}", std::process::id())
 }
 
 /// A graph that nobody else is in: a domain with a tag of this process, or one that is held.
