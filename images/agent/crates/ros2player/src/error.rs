@@ -73,7 +73,8 @@ pub enum PlayerError {
     #[error(
         "the ROS 2 player can't join its domain: {function} has failed with {code}: {reason}; is \
          there room for one process more? Cyclone DDS has it for as many as MaxAutoParticipantIndex \
-         in CYCLONEDDS_URI, Fast DDS for as many as its profile lets in"
+         in CYCLONEDDS_URI, Fast DDS for as many as its profile lets in{}",
+        last_lines(errors)
     )]
     Join {
         /// Which function.
@@ -82,6 +83,8 @@ pub enum PlayerError {
         code: i32,
         /// rcl's text.
         reason: String,
+        /// The last lines of its standard error: why there is no room stands there alone.
+        errors: Vec<String>,
     },
     /// A function of rcl has failed, and ROS 2's security is on.
     #[error(

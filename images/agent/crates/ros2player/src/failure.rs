@@ -36,7 +36,7 @@ fn of_call(function: String, code: i32, reason: String) -> PlayerError {
     const RCL_RET_ERROR: i32 = 1;
     match (function.as_str(), code) {
         ("rcl_init" | "rcl_node_init", RCL_RET_ERROR) => {
-            PlayerError::Join { function, code, reason }
+            PlayerError::Join { function, code, reason, errors: Vec::new() }
         }
         _ => PlayerError::Call { function, code, reason },
     }

@@ -336,10 +336,18 @@ impl Player {
                 let error = failure(other, &mut answer, about.unwrap_or_default())?;
                 Err(match &self.security {
                     Some(security) => security.explain(error, what, &self.program),
-                    None => error,
+                    None => self.with_last_lines(error),
                 })
             }
         }
+    }
+
+    /// The same error with what the middleware has written, if it is of those of which rcl has no word.
+    fn with_last_lines(&self, mut error: PlayerError) -> PlayerError {
+        if let PlayerError::Join { errors, .. } = &mut error {
+            *errors = self.program.last_lines();
+        }
+        error
     }
 
     /// That the program runs, and that nothing was refused since this was last reported.

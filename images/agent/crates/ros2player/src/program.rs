@@ -16,6 +16,8 @@ use crate::options::PlayerOptions;
 /// What is kept of its standard error.
 const LINES: usize = 20;
 const LINE_BYTES: u64 = 500;
+/// How many of them an error has of a program that runs: what was refused, and not how it began.
+const LAST: usize = 3;
 /// How long its end and its last lines are waited for once its socket is closed, which takes a while
 /// on a busy machine: others may have its standard error.
 const LAST_LINES: Duration = Duration::from_secs(2);
@@ -93,7 +95,7 @@ impl Program {
     }
 
     /// The last lines of its standard error, while it runs: waits a moment for those on their way.
-    pub(crate) fn lines(&self) -> Vec<String> {
+    pub(crate) fn last_lines(&self) -> Vec<String> {
         let until = Instant::now() + LAST_LINES;
         let mut state = self.shared.wait(until, |state| state.closed || state.read > 0);
         loop {
@@ -102,7 +104,8 @@ impl Program {
             let quiet = until.min(Instant::now() + QUIET);
             state = self.shared.wait(quiet, |state| state.closed || state.read != read);
             if state.closed || state.read == read || Instant::now() >= until {
-                return state.lines.iter().cloned().collect();
+                let before = state.lines.len().saturating_sub(LAST);
+                return state.lines.range(before..).cloned().collect();
             }
         }
     }

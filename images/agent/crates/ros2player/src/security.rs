@@ -6,9 +6,6 @@ use crate::PlayerError;
 use crate::options::PlayerOptions;
 use crate::program::Program;
 
-/// What is kept of the program's last lines: what was refused, and not how it began.
-const LINES: usize = 3;
-
 /// Where rcl looks for the player's keys, and what they must be for.
 pub(crate) struct Security {
     enclave: String,
@@ -45,12 +42,11 @@ impl Security {
     pub(crate) fn explain(&self, error: PlayerError, what: &str, program: &Program) -> PlayerError {
         const RCL_RET_ERROR: i32 = 1;
         match error {
-            PlayerError::Join { function, code, reason }
+            PlayerError::Join { function, code, reason, .. }
             | PlayerError::Call { function, code, reason }
                 if function.starts_with("rcl_") && code == RCL_RET_ERROR =>
             {
-                let mut errors = program.lines();
-                errors.drain(..errors.len().saturating_sub(LINES));
+                let errors = program.last_lines();
                 let (what, enclave) = (what.to_owned(), self.enclave.clone());
                 let domain = self.domain.clone();
                 let call = Box::new(PlayerError::Call { function, code, reason });

@@ -199,6 +199,8 @@ fn a_domain_without_a_place_is_a_sentence_that_names_the_limit() {
     let error = start_error(&options).to_string();
     assert!(error.contains("can't join its domain: rcl_init has failed with 1"), "{error}");
     assert!(error.contains("as many as MaxAutoParticipantIndex in CYCLONEDDS_URI"), "{error}");
+    // Cyclone DDS' own reason, which rcl's text lacks.
+    assert!(error.contains("; its last lines: ") && error.contains("participant index"), "{error}");
 }
 
 #[test]
