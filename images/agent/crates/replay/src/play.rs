@@ -337,11 +337,6 @@ impl<'a, O: Outlet + ?Sized> Player<'a, O> {
         self.clock_topic.is_some()
     }
 
-    /// Whether time goes in steps that are the same in each run.
-    pub(crate) fn steps_time(&self) -> bool {
-        self.shows_time() && self.stepper.is_some()
-    }
-
     /// Publishes the time that /clock shows when it is not advanced by messages: before the
     /// play, where a node may wait for a valid time, and during the drain.
     pub(crate) fn show_clock(&mut self, watch: &mut Watch<'_>) -> Result<(), ReplayError> {

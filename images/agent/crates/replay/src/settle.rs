@@ -29,8 +29,8 @@ const LOGS: [&str; 2] = ["/rosout", "/rosout_agg"];
 /// publisher, and a node that passes an input on before the next one is connected loses it
 /// without a trace. At most 2 s, in which a machine that stands still does not count, and not an
 /// error: a registration may be a dead node's, a node may work without end, and one that answers
-/// may be moved by something else than topics. Nor does the time in which a node had no processor, if
-/// each run has to begin alike.
+/// may be moved by something else than topics. Nor does the time in which a node had no processor, up to 6 s
+/// of it: what goes out before that one is connected is lost to it.
 pub(crate) fn settle(
     discovery: &Discovery<'_>,
     player: &mut Player<'_>,
@@ -43,7 +43,7 @@ pub(crate) fn settle(
     let mut audit = node.audit(ASK);
     let mut inner = Inner::default();
     let starved_before = startup.starved();
-    while watch.now() < deadline + starved(startup.starved() - starved_before, player) {
+    while watch.now() < deadline + (startup.starved() - starved_before).min(STARVED) {
         let state = discovery.look()?;
         if let Some(state) = &state {
             let name = node.name();
@@ -67,11 +67,6 @@ pub(crate) fn settle(
         first_time.show(state.as_ref(), startup, player, watch)?;
     }
     Ok(())
-}
-
-/// By how much the wait is longer for a stack that gets no processor.
-fn starved(starved: Duration, player: &Player<'_>) -> Duration {
-    if player.steps_time() { starved.min(STARVED) } else { Duration::ZERO }
 }
 
 /// Whether each node that publishes one of these answers has subscribed to anything but the
