@@ -49,9 +49,25 @@ pub enum Strength {
 pub(crate) fn is_alive(process: ProcessId, stack: u64) -> bool {
     let stat = std::fs::read(format!("/proc/{}/stat", process.pid)).unwrap_or_default();
     let Some(now) = began(&stat) else { return false };
+    // Of a process whose first thread has ended, and others not, the kernel shows no stack.
+    let goes_on = match state(&stat) {
+        Some(b'Z') => has_other_threads(process.pid),
+        state => !matches!(state, Some(b'X' | b'x')),
+    };
+    if !goes_on {
+        return false;
+    }
     // The kernel hides the stack of a process that does not let itself be read.
     let known = stack != 0 && now.stack != 0;
     now.start == process.start && (!known || now.stack == stack)
+}
+
+/// Whether a process whose first thread has ended goes on by another.
+fn has_other_threads(pid: u32) -> bool {
+    let threads = std::fs::read_dir(format!("/proc/{pid}/task")).into_iter().flatten().flatten();
+    threads
+        .map(|thread| std::fs::read(thread.path().join("stat")).unwrap_or_default())
+        .any(|stat| state(&stat).is_some_and(|state| !matches!(state, b'Z' | b'X' | b'x')))
 }
 
 /// Whether no thread of a process wants to go on: none runs, waits for a processor or a disk, or was
@@ -78,14 +94,11 @@ struct Began {
     stack: u64,
 }
 
-/// As `/proc/PID/stat` has it; `None` of a process that has ended.
+/// As `/proc/PID/stat` has it; `None` of a process that is gone.
 fn began(stat: &[u8]) -> Option<Began> {
     // The name, in brackets, may have any bytes.
     let name_ends = stat.iter().rposition(|byte| *byte == b')')?;
     let mut fields = std::str::from_utf8(&stat[name_ends + 1..]).ok()?.split_ascii_whitespace();
-    if matches!(state(stat)?, b'Z' | b'X' | b'x') {
-        return None;
-    }
     let start = fields.nth(19)?.parse().ok()?;
     let stack = fields.nth(5)?.parse().ok()?;
     Some(Began { start, stack })
@@ -139,11 +152,38 @@ mod tests {
     fn the_start_time_is_field_22_behind_any_name_and_the_stack_field_28() {
         let whole = Began { start: 991, stack: 77 };
         assert_eq!(began(STAT.as_bytes()), Some(whole));
-        assert_eq!(began(STAT.replace(") S", ") Z").as_bytes()), None);
-        assert_eq!(began(STAT.replace(") S", ") X").as_bytes()), None);
+        assert_eq!(began(STAT.replace(") S", ") Z").as_bytes()), Some(whole));
         for length in 0..STAT.find("77 0 0").unwrap() {
             assert_eq!(began(&STAT.as_bytes()[..length]), None, "{length}");
         }
+    }
+
+    #[test]
+    fn a_process_runs_whose_first_thread_alone_has_ended_and_a_zombie_does_not() {
+        // exit_thread(2), as by pthread_exit() in main().
+        let program = "import ctypes, os, threading, time
+threading.Thread(target=time.sleep, args=(60,)).start()
+ctypes.CDLL(None).syscall({'x86_64': 60, 'aarch64': 93}[os.uname().machine], 0)";
+        let mut child =
+            std::process::Command::new("/usr/bin/python3").args(["-c", program]).spawn().unwrap();
+        let pid = child.id();
+        let stat = || std::fs::read(format!("/proc/{pid}/stat")).unwrap();
+        let Began { start, .. } = began(&stat()).unwrap();
+        let id = ProcessId { pid, start, entry: 0 };
+        let deadline = std::time::Instant::now() + std::time::Duration::from_secs(60);
+        while state(&stat()) != Some(b'Z') {
+            assert!(std::time::Instant::now() < deadline, "its first thread has not ended");
+            std::thread::sleep(std::time::Duration::from_millis(5));
+        }
+        assert!(is_alive(id, 0) && is_alive(id, 77));
+        child.kill().unwrap();
+        while is_alive(id, 0) {
+            assert!(std::time::Instant::now() < deadline, "it was killed, and runs");
+            std::thread::yield_now();
+        }
+        assert_eq!(state(&stat()), Some(b'Z'), "nobody has collected it");
+        child.wait().unwrap();
+        assert!(!is_alive(id, 0));
     }
 
     #[test]
