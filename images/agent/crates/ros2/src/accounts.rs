@@ -64,12 +64,15 @@ impl<P: Copy + Ord> Accounts<P> {
     pub(crate) fn look(&mut self, now: &[Publishing<'_, P>], handed: &Handed, met: &BTreeSet<P>) {
         let each = now.iter().map(|one| (one.id, one.publishes));
         self.all.look(each, handed.all, |one| met.contains(one));
-        let gids: BTreeSet<Gid> = now.iter().filter_map(|one| one.gid).collect();
-        for gid in gids {
-            let of = || now.iter().filter(move |one| one.gid == Some(gid));
-            let node = || of().next().map(|one| one.node.to_owned()).unwrap_or_default();
+        // Once through all: a node may have made thousands, of which each look has those that are gone, too.
+        let mut by_gid: BTreeMap<Gid, Vec<&Publishing<'_, P>>> = BTreeMap::new();
+        for one in now {
+            one.gid.map(|gid| by_gid.entry(gid).or_default().push(one));
+        }
+        for (gid, ones) in by_gid {
+            let node = || ones.first().map(|one| one.node.to_owned()).unwrap_or_default();
             let (_, account) = self.of.entry(gid).or_insert_with(|| (node(), Account::default()));
-            let each = of().map(|one| (one.id, one.publishes));
+            let each = ones.iter().map(|one| (one.id, one.publishes));
             account.look(each, handed.of(&gid), |one| met.contains(one));
         }
     }

@@ -57,7 +57,8 @@ impl Begun {
     ) -> Begun {
         let mut begun = Begun { handed, ..Begun::default() };
         for (one, known) in there {
-            begun.before.insert(one.id, one.counts.published);
+            // With the calls under way: their messages may have been handed on already.
+            begun.before.insert(one.id, one.counts.offered);
             if !known {
                 begun.strangers.insert(one.id);
             }
