@@ -10,7 +10,8 @@ pub struct Known {
     pub uri: String,
     /// None where it did not say.
     pub pid: Option<i32>,
-    /// Whether the graph still had it when all input was out; of one that had ended before the play, when that began.
+    /// Whether the graph still had it when all input was out; of one that had ended before the play, when that began:
+    /// it took no leave.
     pub stayed: bool,
 }
 

@@ -22,12 +22,33 @@ fn known(name: String, process: ProcessId) -> Known {
 
 /// Each node that has had an endpoint by now, in each of its processes, the oldest first.
 pub fn met(ledger: &Ledger) -> Vec<Known> {
-    let named = endpoints(ledger).into_iter().filter(|one| !one.node.is_empty());
+    let endpoints = endpoints(ledger);
+    let named = endpoints.iter().filter(|one| !one.node.is_empty());
     let others = named.filter(|one| !is_of_command_line(&one.node));
-    let met: BTreeSet<(String, ProcessId)> = others.map(|one| (one.node, one.process)).collect();
-    let mut met: Vec<(String, ProcessId)> = met.into_iter().collect();
-    met.sort_by_key(|(_, process)| process.start);
-    met.into_iter().map(|(name, process)| known(name, process)).collect()
+    let by_start = others.map(|one| ((one.process.start, one.process), &*one.node, one.destroyed));
+    let stayed = with_endpoints(by_start);
+    let running = running(ledger);
+    let node = |(((_, process), name), has_endpoint)| Known {
+        stayed: took_no_leave(has_endpoint, running.contains(&process)),
+        ..known(str::to_owned(name), process)
+    };
+    stayed.into_iter().map(node).collect()
+}
+
+/// Each node of a process, with whether that has an endpoint of it which it has not destroyed.
+fn with_endpoints<'e, P: Ord>(
+    endpoints: impl Iterator<Item = (P, &'e str, bool)>,
+) -> BTreeMap<(P, &'e str), bool> {
+    let mut met = BTreeMap::new();
+    for (process, node, destroyed) in endpoints {
+        *met.entry((process, node)).or_default() |= !destroyed;
+    }
+    met
+}
+
+/// Who leaves in order destroys its endpoints first, and then ends.
+fn took_no_leave(has_endpoint: bool, runs: bool) -> bool {
+    has_endpoint && !runs
 }
 
 /// Notes who is still there.
@@ -71,15 +92,19 @@ fn found(known: &Known, roll: &[Known], alive: &Alive, has_left: bool) -> Found 
 
 /// Each node that has an endpoint in a process that runs.
 fn live_nodes(ledger: &Ledger, endpoints: &[Endpoint]) -> Alive {
-    let processes = ledger.processes().unwrap_or_default();
-    let runs = |id: ProcessId| processes.iter().any(|process| process.id == id && process.alive);
+    let running = running(ledger);
     let there = endpoints.iter().filter(|one| !one.destroyed && !one.node.is_empty());
     let mut alive = Alive::new();
-    for one in there.filter(|one| runs(one.process)) {
+    for one in there.filter(|one| running.contains(&one.process)) {
         let processes = alive.entry(one.node.clone()).or_default();
         processes.insert(mark(one.process), known(one.node.clone(), one.process));
     }
     alive
+}
+
+fn running(ledger: &Ledger) -> BTreeSet<ProcessId> {
+    let processes = ledger.processes().unwrap_or_default();
+    processes.iter().filter(|process| process.alive).map(|process| process.id).collect()
 }
 
 fn endpoints(ledger: &Ledger) -> Vec<Endpoint> {
@@ -105,6 +130,17 @@ mod tests {
         let processes = now.iter().map(|pid| (node(*pid).uri, node(*pid))).collect();
         let alive = Alive::from([("/n".to_owned(), processes)]);
         roll.iter().map(|known| found(known, &roll, &alive, has_left)).collect()
+    }
+
+    #[test]
+    fn who_ended_with_an_endpoint_took_no_leave() {
+        let endpoints =
+            [(7, "/a", true), (7, "/a", false), (7, "/b", true), (8, "/a", true), (8, "/a", true)];
+        let met = with_endpoints(endpoints.into_iter());
+        let expected = [((7, "/a"), true), ((7, "/b"), false), ((8, "/a"), false)];
+        assert_eq!(met, BTreeMap::from(expected));
+        let all = [(true, false), (true, true), (false, false), (false, true)];
+        assert_eq!(all.map(|(has, runs)| took_no_leave(has, runs)), [true, false, false, false]);
     }
 
     #[test]
