@@ -104,6 +104,22 @@ fn nodes_are_waited_for_by_name() {
 }
 
 #[test]
+fn a_crash_that_the_job_allows_is_no_reason_for_what_goes_wrong_later() {
+    let agent = Agent::start(1);
+    let case = |allowed: &[&str]| {
+        let crashes = "sh -c 'sleep 1; kill -s SEGV $$' & exec sleep 1000";
+        let Value::Map(mut case) = agent.case(crashes, &[("subscribe", 5.0)]) else { panic!() };
+        case.retain(|(key, _)| key.as_str() != Some("faults"));
+        case.push(("faults".into(), map(&[("allow", strings(allowed))])));
+        Value::Map(case)
+    };
+    let abort = agent.run(0, case(&[]), &chatter(5)).abort();
+    assert_eq!(abort.reason, "StackCrashed", "{}", abort.message);
+    let abort = agent.run(0, case(&["StackCrashed"]), &chatter(5)).abort();
+    assert_eq!(abort.reason, "NeverSubscribed", "{}", abort.message);
+}
+
+#[test]
 fn two_slots_run_at_once() {
     if without_ros() {
         return;

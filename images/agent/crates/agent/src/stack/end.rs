@@ -74,6 +74,11 @@ impl StackEnd {
         self.left = facts.left();
     }
 
+    /// Forgets what a job allows: it is no reason for anything else.
+    pub fn forgive(&mut self, allows: impl Fn(&str) -> bool) {
+        self.ended.retain(|end| !allows(end.cause.name()));
+    }
+
     /// The first crash of something of it.
     pub fn crash(&self) -> Option<&StackEnded> {
         self.ended.iter().find(|end| end.cause == Cause::StackCrashed)

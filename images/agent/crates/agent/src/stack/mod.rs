@@ -27,7 +27,7 @@ use crate::stack::end::{EndedBy, StackEnd};
 use crate::stack::processes::{Children, Spared};
 use crate::stack::tail::Tail;
 use crate::stack::usage::{Sampled, UsageSampler};
-use crate::stack::witness::{ProcessEnd, Witness};
+use crate::stack::witness::{ProcessEnd, Watcher, Witness};
 
 /// How long a stack may take to stop when the agent itself must end within 5 s.
 pub const HURRY: Duration = Duration::from_secs(2);
@@ -155,6 +155,11 @@ impl Program {
     pub fn measure(&mut self, spared: &Spared) {
         self.witness = Witness::start(spared);
         self.usage = Some(UsageSampler::start(spared));
+    }
+
+    /// By which others show a process that may end soon to who watches how all of them end, if anybody does.
+    pub fn watcher(&self) -> Option<Watcher> {
+        self.witness.as_ref().map(Witness::watcher)
     }
 
     /// The last lines on stderr so far.

@@ -25,8 +25,9 @@ const REST: u32 = 50;
 /// A look that takes long because the machine is busy must not blind us for long.
 const LONGEST_REST: Duration = Duration::from_millis(500);
 
-/// No process's number.
+/// No process's numbers.
 const ENOUGH: i32 = 0;
+const MORE: i32 = -1;
 
 /// The end of a process.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -41,38 +42,65 @@ pub struct ProcessEnd {
 /// Watches everything below this process.
 #[derive(Debug)]
 pub struct Witness {
-    watched: Arc<Mutex<Watched>>,
+    watcher: Watcher,
     enough: Arc<OwnedFd>,
     thread: JoinHandle<()>,
+}
+
+/// By which others show the witness a process that may end before its next look.
+#[derive(Clone, Debug)]
+pub struct Watcher {
+    watched: Arc<Mutex<Watched>>,
+    more: Arc<OwnedFd>,
+}
+
+impl Watcher {
+    fn new() -> rustix::io::Result<Self> {
+        Ok(Self { watched: Arc::default(), more: event()? })
+    }
+
+    /// Watches a process: once this returns its end will be noted, whenever it comes.
+    pub fn watch(&self, pid: i32) {
+        lock(&self.watched).watch(pid);
+        // It can't fail but where the thread has not yet taken in that there is more.
+        rustix::io::write(&*self.more, &1_u64.to_ne_bytes()).ok();
+    }
+
+    /// Whether a process is watched whose end was not noted yet.
+    #[cfg(test)]
+    pub fn watches(&self, pid: i32) -> bool {
+        lock(&self.watched).alive.contains_key(&pid)
+    }
 }
 
 impl Witness {
     /// Watches from now on; the `spared` processes and theirs do not count. None where the
     /// kernel refuses: ends are then known of our own children alone.
     pub fn start(spared: &Spared) -> Option<Self> {
-        let enough = Arc::new(eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK).ok()?);
-        let watched = Arc::new(Mutex::new(Watched::default()));
-        let watch = Watch {
-            spared: spared.clone(),
-            watched: Arc::clone(&watched),
-            enough: Arc::clone(&enough),
-        };
+        let (enough, watcher) = (event().ok()?, Watcher::new().ok()?);
+        let watch =
+            Watch { spared: spared.clone(), watcher: watcher.clone(), enough: Arc::clone(&enough) };
         let thread = std::thread::Builder::new().name("witness".to_owned());
         let thread = thread.spawn(move || watch.run()).ok()?;
-        Some(Self { watched, enough, thread })
+        Some(Self { watcher, enough, thread })
+    }
+
+    /// What others show it processes by.
+    pub fn watcher(&self) -> Watcher {
+        self.watcher.clone()
     }
 
     /// Notes what has ended by now, also where the thread that watches got no processor.
     pub fn settle(&self) {
-        let fds = lock(&self.watched).fds();
+        let fds = lock(&self.watcher.watched).fds();
         let ended = ready(&fds, Instant::now());
         let at = Instant::now();
-        lock(&self.watched).note(&ended, at);
+        lock(&self.watcher.watched).note(&ended, at);
     }
 
     /// Processes that end already, and take a while to.
     pub fn ending(&self) -> BTreeSet<i32> {
-        let watched = lock(&self.watched);
+        let watched = lock(&self.watcher.watched);
         watched.alive.keys().copied().filter(|pid| is_ending(*pid)).collect()
     }
 
@@ -81,7 +109,7 @@ impl Witness {
         // It can't fail: nobody else writes.
         rustix::io::write(&*self.enough, &1_u64.to_ne_bytes()).ok();
         self.thread.join().ok();
-        std::mem::take(&mut lock(&self.watched).seen)
+        std::mem::take(&mut lock(&self.watcher.watched).seen)
     }
 }
 
@@ -102,14 +130,16 @@ impl Watched {
     /// Takes in who is new of all that are there.
     fn add(&mut self, there: &BTreeSet<i32>) {
         self.over.retain(|pid| there.contains(pid));
-        for &pid in there {
-            if self.alive.contains_key(&pid) || self.over.contains(&pid) {
-                continue;
-            }
-            let Some(watched) = Pid::from_raw(pid) else { continue };
-            if let Ok(fd) = pidfd_open(watched, PidfdFlags::empty()) {
-                self.alive.insert(pid, (Arc::new(fd), name_of(pid)));
-            }
+        there.iter().for_each(|pid| self.watch(*pid));
+    }
+
+    fn watch(&mut self, pid: i32) {
+        if self.alive.contains_key(&pid) || self.over.contains(&pid) {
+            return;
+        }
+        let Some(watched) = Pid::from_raw(pid) else { return };
+        if let Ok(fd) = pidfd_open(watched, PidfdFlags::empty()) {
+            self.alive.insert(pid, (Arc::new(fd), name_of(pid)));
         }
     }
 
@@ -128,7 +158,7 @@ impl Watched {
 
 struct Watch {
     spared: Spared,
-    watched: Arc<Mutex<Watched>>,
+    watcher: Watcher,
     enough: Arc<OwnedFd>,
 }
 
@@ -153,19 +183,27 @@ impl Watch {
     /// Begins to watch what is new.
     fn look(&self) {
         let there = descendants(std::process::id(), &self.spared.pids());
-        lock(&self.watched).add(&there);
+        lock(&self.watcher.watched).add(&there);
     }
 
-    /// Notes what ends until a time; `true` when it is enough.
+    /// Notes what ends until a time, or until there is more to watch; `true` when it is enough.
     fn wait(&self, until: Instant) -> bool {
-        let mut fds = lock(&self.watched).fds();
+        let mut fds = lock(&self.watcher.watched).fds();
+        fds.push((MORE, Arc::clone(&self.watcher.more)));
         fds.push((ENOUGH, Arc::clone(&self.enough)));
         let mut ready = ready(&fds, until);
         let at = Instant::now();
         let enough = ready.pop_if(|pid| *pid == ENOUGH).is_some();
-        lock(&self.watched).note(&ready, at);
+        if ready.pop_if(|pid| *pid == MORE).is_some() {
+            rustix::io::read(&*self.watcher.more, &mut [0; 8]).ok();
+        }
+        lock(&self.watcher.watched).note(&ready, at);
         enough
     }
+}
+
+fn event() -> rustix::io::Result<Arc<OwnedFd>> {
+    eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK).map(Arc::new)
 }
 
 fn lock(watched: &Mutex<Watched>) -> MutexGuard<'_, Watched> {
@@ -199,14 +237,12 @@ mod tests {
     fn what_ended_is_noted_at_once_where_the_thread_that_watches_gets_no_processor() {
         let mut child = Command::new("/bin/sh").args(["-c", "exit 3"]).spawn().unwrap();
         let pid = i32::try_from(child.id()).unwrap();
-        let mut watched = Watched::default();
-        watched.add(&BTreeSet::from([pid]));
-        let fds = watched.fds();
+        let watcher = Watcher::new().unwrap();
+        watcher.watch(pid);
+        let fds = lock(&watcher.watched).fds();
         while ready(&fds, Instant::now() + LONGEST_REST).is_empty() {}
-        let enough = eventfd(0, EventfdFlags::CLOEXEC).unwrap();
         let thread = std::thread::spawn(|| ());
-        let watched = Arc::new(Mutex::new(watched));
-        let witness = Witness { watched, enough: Arc::new(enough), thread };
+        let witness = Witness { watcher, enough: event().unwrap(), thread };
         let before = Instant::now();
         witness.settle();
         witness.settle();
@@ -216,5 +252,29 @@ mod tests {
         assert_eq!(ends.len(), 1);
         assert_eq!(ends[0].ended, Some(Ended { exit_status: Some(3), signal: None }));
         assert!((before..=after).contains(&ends[0].at));
+    }
+
+    #[test]
+    fn who_is_shown_is_noted_though_no_look_has_found_it() {
+        let mut child = Command::new("/bin/sh")
+            .args(["-c", "read line; exit 3"])
+            .stdin(std::process::Stdio::piped())
+            .spawn()
+            .unwrap();
+        // No look finds who is spared.
+        let spared = Spared::default();
+        spared.add(Pid::from_child(&child));
+        let witness = Witness::start(&spared).unwrap();
+        witness.watcher().watch(i32::try_from(child.id()).unwrap());
+        drop(child.stdin.take());
+        let deadline = Instant::now() + Duration::from_secs(60);
+        while lock(&witness.watcher.watched).seen.is_empty() {
+            assert!(Instant::now() < deadline, "its end was not noted");
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        let ends = witness.finish();
+        child.wait().unwrap();
+        assert_eq!(ends.len(), 1);
+        assert_eq!(ends[0].ended, Some(Ended { exit_status: Some(3), signal: None }));
     }
 }

@@ -133,7 +133,8 @@ impl ExecRunner<'_> {
         match (pumped, stack) {
             (_, Err(survivors)) => Err(Failure::new("Internal", survivors)),
             (Ok(()), Ok(stack)) => Ok(outcome(pump, stack, timings)),
-            (Err(Failure::Abort(abort)), Ok(stack)) => {
+            (Err(Failure::Abort(abort)), Ok(mut stack)) => {
+                stack.forgive(|cause| self.case.faults.allows(cause));
                 Err(Failure::Abort(Box::new(stack.explain(*abort))))
             }
             (Err(silent), Ok(_)) => Err(silent),

@@ -13,6 +13,7 @@ use crate::case::failure::Failure;
 use crate::stack::end::StackEnd;
 use crate::stack::nodes::{Found, Known};
 use crate::stack::processes::{Children, Ended};
+use crate::stack::witness::Watcher;
 use crate::stack::{Program, Surroundings, Variables};
 
 /// What a host is given for a call that may take its time.
@@ -60,6 +61,9 @@ pub trait Host {
 
     /// Starts what nodes need to find each other, and waits until it answers.
     fn start(&self, occasion: &Occasion<'_>) -> Result<(), Failure>;
+
+    /// Takes in who watches how the stack's processes end: a node's may end before it is found.
+    fn watch_by(&self, _watcher: Watcher) {}
 
     /// Once the stack was started: how to join its graph.
     fn meet(&self, occasion: &Occasion<'_>) -> Result<Arc<dyn Middleware>, Failure>;

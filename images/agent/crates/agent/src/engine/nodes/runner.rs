@@ -14,7 +14,7 @@ use bagpipe_replay::{
     AnswerBy, CLOCK_RATE, Cancellation, Meter, Mode, Progress, ReplayRequest, Replayed, Stage,
     StartWhen, Step, Window, replay, simulate,
 };
-use bagpipe_wire::{Duplex, FileHeader, FrameType, Metric, to_map};
+use bagpipe_wire::{Abort, Duplex, FileHeader, FrameType, Metric, to_map};
 
 use crate::case::failure::Failure;
 use crate::case::{self, Case, Simulator, seconds};
@@ -95,8 +95,7 @@ impl Runner<'_> {
                 match self.unseen.take() {
                     // A crash that was seen is no reason to play the case again.
                     Some(Failure::Abort(abort)) => {
-                        let abort = self.host.explain(*abort, Some(stack), ending);
-                        return Err(Failure::Abort(Box::new(abort)));
+                        return Err(self.explain(*abort, Some(stack), ending));
                     }
                     Some(unseen) => return Err(unseen),
                     None => {}
@@ -105,10 +104,17 @@ impl Runner<'_> {
             }
             (Ok(_), Ok((None, _))) => Err(Failure::new("Internal", "played without a stack")),
             (Err(Failure::Abort(abort)), Ok((stack, ending))) => {
-                Err(Failure::Abort(Box::new(self.host.explain(*abort, stack, ending))))
+                Err(self.explain(*abort, stack, ending))
             }
             (Err(silent), Ok(_)) => Err(silent),
         }
+    }
+
+    fn explain(&self, abort: Abort, mut stack: Option<StackEnd>, ending: Ending) -> Failure {
+        if let Some(stack) = &mut stack {
+            stack.forgive(|cause| self.case.faults.allows(cause));
+        }
+        Failure::Abort(Box::new(self.host.explain(abort, stack, ending)))
     }
 
     fn play(
@@ -129,6 +135,9 @@ impl Runner<'_> {
             .start(&self.host.command()?, "stack", &mut self.children.borrow_mut())
             .map_err(|wrong| Failure::new("CommandNotFound", wrong.0))?;
         stack.measure(&self.spared);
+        if let Some(watcher) = stack.watcher() {
+            self.host.watch_by(watcher);
+        }
         let stack = program.insert(stack);
         timings.stack = begun.elapsed().as_secs_f64();
         let cancelled = || self.cancellation(stack);

@@ -20,6 +20,7 @@ use crate::engine::ros1::{parameters, roll, rosmaster};
 use crate::stack::end::StackEnd;
 use crate::stack::nodes::{Found, Known};
 use crate::stack::processes::{Children, Ended};
+use crate::stack::witness::Watcher;
 use crate::stack::{Program, Variables};
 
 /// The master of a case: the image's rosmaster, or one that is served here.
@@ -80,6 +81,10 @@ impl Host for RosmasterHost<'_> {
             &|| interrupted().map(silent),
         )?;
         parameters::set(&master, &self.case.stack.parameters).map_err(Failure::protocol)
+    }
+
+    fn watch_by(&self, watcher: Watcher) {
+        self.met.watch_by(watcher);
     }
 
     fn meet(&self, _: &Occasion<'_>) -> Result<Arc<dyn Middleware>, Failure> {
@@ -157,8 +162,7 @@ impl Host for RosmasterHost<'_> {
             let Ended { exit_status, signal } = ended;
             return Abort { exit_status, signal, stderr, ..abort };
         }
-        let crash = stack.as_ref().and_then(StackEnd::crash);
-        let crashed = crash.is_some_and(|crash| !self.case.faults.allows(crash.cause.name()));
+        let crashed = stack.as_ref().and_then(StackEnd::crash).is_some();
         if abort.reason.starts_with("RosMaster") && !crashed {
             return Abort { stderr, ..abort };
         }

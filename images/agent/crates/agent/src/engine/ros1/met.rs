@@ -7,6 +7,7 @@ use bagpipe_ros1::Meet;
 use super::roll::is_ours;
 use crate::stack::nodes::Known;
 use crate::stack::processes::{holder, is_alive};
+use crate::stack::witness::Watcher;
 
 /// Nodes that are noted at the most: whoever registers more under names of its own is no stack.
 const MOST: usize = 4096;
@@ -20,11 +21,17 @@ struct Noted {
     nodes: Vec<Known>,
     /// Who comes from now on is not noted.
     is_over: bool,
+    watcher: Option<Watcher>,
 }
 
 impl Met {
     fn noted(&self) -> MutexGuard<'_, Noted> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Has each that comes from now on watched, before its registration is answered: one may end at once after that.
+    pub fn watch_by(&self, watcher: Watcher) {
+        self.noted().watcher = Some(watcher);
     }
 
     /// What a master calls for each node that registers.
@@ -39,6 +46,8 @@ impl Met {
         }
         // Without the lock: it looks at each process of the stack, the newest first.
         let Some(pid) = holder(socket) else { return };
+        let watcher = self.noted().watcher.clone();
+        watcher.iter().for_each(|watcher| watcher.watch(pid));
         let node =
             Known { name: name.to_owned(), uri: String::new(), pid: Some(pid), stayed: false };
         self.noted().nodes.push(node);
@@ -74,10 +83,16 @@ impl Noted {
     }
 }
 
-/// Whether a node is one of rostopic's or rosservice's, which a script may start, and end as it likes.
+/// Whether a node is one of rostopic's or rosservice's, which a script may start, and end as it likes: it is called after
+/// its process and the time, as rospy's anonymous nodes are.
 fn is_of_command_line(name: &str) -> bool {
     let own = name.rsplit('/').next().unwrap_or(name);
-    own.starts_with("rostopic_") || own.starts_with("rosservice_")
+    let is_number = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
+    let mut parts = own.split('_');
+    matches!(parts.next(), Some("rostopic" | "rosservice"))
+        && parts.next().is_some_and(is_number)
+        && parts.next().is_some_and(is_number)
+        && parts.next().is_none()
 }
 
 #[cfg(test)]
@@ -88,6 +103,16 @@ mod tests {
     use bagpipe_ros1::{Master, Rosmaster};
 
     use super::*;
+    use crate::stack::processes::Spared;
+    use crate::stack::witness::Witness;
+
+    #[test]
+    fn a_stacks_own_node_is_none_of_the_command_lines() {
+        for own in ["/rostopic_relay", "/rosservice_7", "/rostopic_7_8_9", "/rostopic_7_", "/a/b"] {
+            assert!(!is_of_command_line(own), "{own}");
+        }
+        assert!(is_of_command_line("/robot/rosservice_4711_1700000000000"));
+    }
 
     #[test]
     fn who_registers_before_the_play_is_noted_with_its_process() {
@@ -101,6 +126,11 @@ mod tests {
         register("/ours");
         assert_eq!(met.take(), []);
         let met = Met::default();
+        let witness = Witness::start(&Spared::default()).unwrap();
+        let watcher = witness.watcher();
+        // It looks for nobody any more.
+        witness.finish();
+        met.watch_by(watcher.clone());
         let program = "import sys, xmlrpc.client
 node = xmlrpc.client.ServerProxy(sys.argv[1])
 for name in sys.argv[2:]:
@@ -138,5 +168,6 @@ sys.exit(3)";
         assert_eq!(named.collect::<Vec<_>>(), expected);
         run(&["/late"]);
         assert_eq!(met.take(), []);
+        assert!(watcher.watches(pid), "who registers is watched from then on");
     }
 }
