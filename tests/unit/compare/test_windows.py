@@ -80,6 +80,27 @@ def test_a_case_that_flaked_before_and_never_passes_in_another_window_is_open() 
     assert (found.verdict, found.doubtful) == ("unknown", RECORDINGS - 1)
 
 
+def test_a_case_that_flaked_before_and_flakes_in_another_window_is_not_open() -> None:
+    """6 passed rounds of ten where 7 did is what chance gives: of one window it is `flaky`."""
+    passes = [n < 7 for n in range(10)]
+    then = [
+        {**each, "round": n}
+        for n in range(10)
+        for each in rows(20, "passed" if passes[n] else "failed")
+    ]
+    now = [
+        {**each, "round": n}
+        for n in range(10)
+        for each in [
+            *rows(60, "passed" if n < 6 else "failed")[:-1],
+            rows(20, "passed" if passes[n] else "failed")[-1],
+        ]
+    ]
+    found = compared(now, then)
+    assert (found.verdict, found.doubtful) == ("same", 0)
+    assert objections(found.as_json()) == []
+
+
 def test_the_lead_in_is_no_part_of_what_is_judged() -> None:
     led_in = [{**each, "window": [500, *each["window"][1:]]} for each in rows(20)]
     assert compared(rows(20), led_in).verdict == "same"

@@ -24,11 +24,13 @@ class Change:
     reason: str = ""
 
 
-def changes(before: Mapping[Key, Rounds], after: Mapping[Key, Rounds]) -> dict[Key, Change]:
+def changes(
+    before: Mapping[Key, Rounds], after: Mapping[Key, Rounds], *, of_any_window: bool = False
+) -> dict[Key, Change]:
     """Every case that both have.
 
-    Of one that was another part of the recording nothing is known. Where all rounds agree, in
-    both, their word is the case's. Else Fisher's exact test says whether so different shares of
+    Of one that was another part of the recording nothing is known, unless it is taken for the
+    same (`of_any_window`). Where all rounds agree, in both, their word is the case's. Else Fisher's exact test says whether so different shares of
     rounds may pass by chance, with Holm's correction over such cases; only where they may, the
     case is flaky.
     """
@@ -38,7 +40,7 @@ def changes(before: Mapping[Key, Rounds], after: Mapping[Key, Rounds]) -> dict[K
         if key not in before:
             continue
         then = before[key]
-        if windows_differ(then, now):
+        if windows_differ(then, now) and not of_any_window:
             found[key] = Change("unknown")
         elif then.steady and now.steady:
             found[key] = _plain(then, now)

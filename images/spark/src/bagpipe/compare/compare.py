@@ -35,8 +35,8 @@ _BECAME = ("failed", "invalid", "errored", "missing")
 class Comparison:
     """One variant against the baseline.
 
-    `doubtful` is how many cases pass less often now, and were not compared since another part of
-    the recording was played.
+    `doubtful` is how many cases pass less often now, and not by chance, and were not compared since
+    another part of the recording was played.
 
     `regressed` has maps of a case of the variant, what it came `to` and the `reason`; of a missing
     one the baseline's name. `fixed` and `flaky` name cases of the variant, `missing` those of the
@@ -118,7 +118,7 @@ def _compared(
         series = [each for each in series if each != ROUNDS]
     criteria = compared(series, pairs)
     criteria = [one for one in criteria if one.name not in FIGURES or _says_something(one)]
-    doubtful = sum(_doubtful(before, after) for before, after in both)
+    doubtful = _doubtful(baseline, variant)
     verdict, message = _verdict(counts, became, criteria)
     verdict = "unknown" if doubtful and verdict in ("same", "better") else verdict
     fails = sum(variant[key].worst != "passed" for key in variant.keys() - found.keys())
@@ -141,10 +141,11 @@ def _compared(
     )  # fmt: skip
 
 
-def _doubtful(before: Rounds, after: Rounds) -> bool:
-    """Whether a case passes less often, of which another part of the recording was played."""
-    fewer = after.passed * len(before.outcomes) < before.passed * len(after.outcomes)
-    return fewer and windows_differ(before, after)
+def _doubtful(baseline: Mapping[Key, Rounds], variant: Mapping[Key, Rounds]) -> int:
+    """How many cases of another part of the recording would have regressed in the same."""
+    found = changes(baseline, variant, of_any_window=True)
+    would_have = (key for key, change in found.items() if change.word == "regressed")
+    return sum(windows_differ(baseline[key], variant[key]) for key in would_have)
 
 
 def _of_pairs(pairs: Sequence[tuple[Rounds, Rounds]], doubtful: int) -> str:
