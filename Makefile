@@ -306,6 +306,10 @@ mutants-rust: venv ## Break the agent's deciders, and name the breaks that no un
 .PHONY: lint
 lint: lint-sources lint-charts ## Check style and types of everything
 
+# What ends continuous integration before its long tests.
+.PHONY: check
+check: lint docs test-python ## Check all that needs neither nodes nor a cluster, before a commit
+
 .PHONY: lint-sources
 lint-sources: venv
 	$(CLAIM)
