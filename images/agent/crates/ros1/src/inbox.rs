@@ -329,6 +329,15 @@ mod tests {
             self.messages.load(Ordering::SeqCst)
         }
 
+        /// Waits until the reader has seen a message that has only begun.
+        fn await_begun(&self) {
+            let until = Instant::now() + LIMIT;
+            while lock(&self.inbox.rounds).behind.is_empty() {
+                assert!(Instant::now() < until);
+                std::thread::sleep(Duration::from_millis(1));
+            }
+        }
+
         fn open(&self) {
             self.open.send(()).unwrap();
             let until = Instant::now() + LIMIT;
@@ -352,13 +361,15 @@ mod tests {
         let mut scene = Scene::new();
         scene.publisher.set_nonblocking(true).unwrap();
         let message = [&60_000u32.to_le_bytes()[..], &[7; 60_000]].concat();
-        let (mut bytes, mut until) = (0, Instant::now() + Duration::from_secs(1));
+        let (mut bytes, mut until) = (0, Instant::now() + LIMIT);
         // Until the kernel takes no more, on either side.
         while Instant::now() < until {
             match scene.publisher.write(&message[bytes % message.len()..]) {
                 Ok(written) => {
                     bytes += written;
-                    until = Instant::now() + Duration::from_millis(200);
+                    let enough = bytes > 2 * TURN;
+                    until =
+                        Instant::now() + if enough { Duration::from_millis(200) } else { LIMIT };
                 }
                 Err(_) => std::thread::sleep(Duration::from_millis(10)),
             }
@@ -405,6 +416,7 @@ mod tests {
         late.join().unwrap();
         // One that never ends holds up no more than one sweep.
         scene.publisher.write_all(&8u32.to_le_bytes()).unwrap();
+        scene.await_begun();
         scene.inbox.sweep(Duration::from_millis(200));
         let begun = Instant::now();
         scene.inbox.sweep(LIMIT);

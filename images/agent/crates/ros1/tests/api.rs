@@ -198,6 +198,8 @@ fn our_own_publications_are_not_received_and_a_large_message_is_reported() {
         let (talker, _) = start_node(&graph, "/talker", 1 << 20);
         let theirs = talker.advertise(chatter(false)).unwrap();
         wait_until("the listener is connected", || listener.publishers_of("/chatter") == 1);
+        // The talker greets a subscriber before it sends to it.
+        wait_until("the talker has it", || theirs.subscribers().iter().any(|link| link.open));
         assert!(ours.subscribers().is_empty());
         let messages: Vec<Vec<u8>> =
             (0..500).map(|number| frame(&"x".repeat(number * 10))).collect();
