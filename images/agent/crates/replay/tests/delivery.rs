@@ -32,7 +32,7 @@ fn a_roscpp_relay_gets_and_answers_every_message_in_max() {
     assert_eq!(ledger.topics[0].topic, "/joint_states");
     assert_eq!(ledger.topics[0].datatype, "sensor_msgs/JointState");
     assert_eq!(ledger.topics[0].subscribers[0].node, "/relay");
-    assert_eq!(relay.last_number("seen "), PR2);
+    wait_until("the last one is printed", || relay.last_number("seen ") == PR2);
     assert_eq!(replayed.recorded.messages, PR2);
     let inputs = bag.timeline(|_| true).unwrap();
     let outputs = read_back(&replayed);
@@ -65,7 +65,7 @@ fn a_rospy_relay_gets_and_answers_every_message_in_max() {
     eprintln!("{}", serde_json::to_string(&replayed).unwrap());
     let ledger = &replayed.ledger;
     assert_eq!((ledger.sent, ledger.received, ledger.dropped), (PR2, PR2, 0));
-    assert_eq!(relay.last_number("seen "), PR2);
+    wait_until("the last one is printed", || relay.last_number("seen ") == PR2);
     assert_eq!(replayed.recorded.topics.len(), 1);
     assert_eq!(replayed.recorded.topics[0].messages, PR2);
 }

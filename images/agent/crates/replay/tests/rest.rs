@@ -119,7 +119,7 @@ fn a_chain_is_played_to_once_its_links_stand() {
     let graph = Graph::start(TMP);
     let relay = node("relay.py");
     let _first = graph.python(&relay, &["/joint_states", "/between", "0", "0"]);
-    let _second = graph.python(&node("late_link.py"), &["/between", "/relayed", "1"]);
+    let _second = graph.python(&node("late_link.py"), &["/between", "/relayed", "0.5"]);
     wait_until("both have subscribed", || {
         let state = graph.client().get_system_state().unwrap();
         ["/joint_states", "/between"].iter().all(|topic| state.subscribers.contains_key(*topic))
