@@ -14,6 +14,8 @@ cat > "$ROS_HOME/node.py" <<'END'
 import mmap, os, resource, signal, sys, threading, time, rospy
 from std_msgs.msg import String
 name, ends_at, way = sys.argv[1], int(sys.argv[2]), sys.argv[3]
+while "SPARE" in os.environ and not os.path.exists(os.environ["SPARE"]):
+    time.sleep(0.02)
 if way == "elsewhere":
     os.getpid = lambda: 1
 rospy.init_node(name)
@@ -47,7 +49,7 @@ if way in ("slowly", "later"):
 open(os.path.dirname(__file__) + "/" + name, "w").close()
 rospy.spin()
 if way in ("slowly", "later"):
-    time.sleep(1)
+    time.sleep(float(os.environ.get("LINGERS", "1")))
     os._exit(3)
 END
 "#;
@@ -58,6 +60,11 @@ cat > "$ROS_HOME/launch.py" <<'END'
 import os, subprocess, sys, time
 python, here = "/usr/bin/python3", sys.argv[1] + "/node.py"
 nodes = [subprocess.Popen([python, here, "bad", *sys.argv[2:4]])]
+spare = None
+if sys.argv[4] == "respawn":
+    # On a slow machine rospy takes as long to load as the play: it is loaded beforehand.
+    gate = {**os.environ, "SPARE": sys.argv[1] + "/spare"}
+    spare = subprocess.Popen([python, here, "bad", "0", "never"], env=gate)
 # The play begins when the first one listens: that one is known to the master then.
 while not os.path.exists(sys.argv[1] + "/bad"):
     time.sleep(0.02)
@@ -71,8 +78,8 @@ while True:
             # Whoever watches has that long to read how it ended, on a busy machine too.
             time.sleep(1)
             node.wait()
-            respawn = [python, here, "bad", "0", "never"]
-            nodes[place] = subprocess.Popen(respawn) if sys.argv[4] == "respawn" else None
+            open(sys.argv[1] + "/spare", "w").close()
+            nodes[place], spare = spare, None
 END
 exec /usr/bin/python3 "$ROS_HOME/launch.py" "$ROS_HOME" "#;
 
@@ -112,6 +119,14 @@ fn ends_within(
 ) -> Vec<(String, String, Option<i64>, String)> {
     let agent = Agent::start(1);
     let case = realtime(agent.case(script, deadlines), messages, &[]);
+    ends_in(&agent, case, messages)
+}
+
+fn ends_in(
+    agent: &Agent,
+    case: Value,
+    messages: u64,
+) -> Vec<(String, String, Option<i64>, String)> {
     let (result, _) = agent.run(0, case, &chatter(messages)).result();
     println!("{}", at(&result, "stack.ended"));
     let ended = at(&result, "stack.ended").as_array().unwrap();
@@ -128,6 +143,17 @@ fn realtime(case: Value, messages: u64, allow: &[&str]) -> Value {
     case.push(("window".into(), window(100_000_000_000, 100_000_000_000 + messages * 10_000_000)));
     case.push(("playback".into(), map(&[("mode", "realtime".into()), ("rate", 1.0.into())])));
     case.push(("faults".into(), map(&[("allow", strings(allow))])));
+    Value::Map(case)
+}
+
+/// A case whose play begins once these nodes are connected.
+fn awaiting(case: Value, nodes: &[&str]) -> Value {
+    let Value::Map(mut case) = case else { panic!() };
+    for (key, value) in &mut case {
+        if let (Some("playback"), Value::Map(playback)) = (key.as_str(), value) {
+            playback.push(("wait_for".into(), strings(nodes)));
+        }
+    }
     Value::Map(case)
 }
 
@@ -215,7 +241,12 @@ fn a_node_that_leaves_while_another_ends_is_left_to_end_as_well() {
     }
     let node = |name, way| format!("/usr/bin/python3 \"$ROS_HOME/node.py\" {name} 250 {way} &\n");
     let nodes = [node("bad", "slowly"), node("late", "later")].concat();
-    let crashed = ends_of(250, &format!("{NODE}{nodes}sleep 600"));
+    // The one leaves long before the other has ended, and both end while they are still waited for.
+    let script = format!("{NODE}export LINGERS=2.5\n{nodes}sleep 600");
+    let agent = Agent::start(1);
+    // Who misses a message never leaves.
+    let case = awaiting(realtime(agent.case(&script, &[]), 250, &[]), &["/bad", "/late"]);
+    let crashed = ends_in(&agent, case, 250);
     let expected = [("StackCrashed", "/bad", None), ("StackCrashed", "/late", None)];
     assert_eq!(short(&crashed), expected);
 }
