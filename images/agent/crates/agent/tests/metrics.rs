@@ -177,9 +177,12 @@ fn a_replay_is_seen_while_it_runs_and_counted_when_it_has_ended() {
     let (played, due) =
         (after.of("replay_bag_seconds_total"), after.of("replay_due_seconds_total"));
     assert!((played - 2.99).abs() < 1e-6, "{played}");
-    let achieved = number("playback.achieved_rate");
-    let counted = rate * played / due;
-    assert!((counted - achieved).abs() < 0.05 * rate, "{played} of {due}, by RESULT {achieved}");
+    // What is due grows from the window's beginning to the drain, which is longer than the play by
+    // what a busy machine takes.
+    let most = number("timings.play") + number("timings.drain");
+    let spent = due / rate;
+    let possible = number("playback.played_seconds") - 1e-6..=most + 1e-6;
+    assert!(possible.contains(&spent), "{due} due in {spent} s, by RESULT in {possible:?} s");
     assert_eq!(after.of("replay_unpaced_bag_seconds_total"), 0.0);
     assert_eq!(judged(&watched.page()), None);
 }
