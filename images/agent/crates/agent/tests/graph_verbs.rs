@@ -104,10 +104,10 @@ fn play_says_what_it_waited_for_in_vain() {
     });
     let arguments = ["--wait-for", "/judge", "--subscribers", "/chatter=2"];
     let mut command = graph.command(AGENT, &["play", bag.to_str().unwrap()]);
-    let output = command.args(arguments).args(["--subscribe-timeout", "3"]).output().unwrap();
+    let output = command.args(arguments).args(["--subscribe-timeout", "5"]).output().unwrap();
     assert_eq!(output.status.code(), Some(1));
     let text = String::from_utf8(output.stderr).unwrap();
-    let expected = "waited in vain for /judge, 2 subscribers of /chatter (there are 1) for 3.0 s";
+    let expected = "waited in vain for /judge, 2 subscribers of /chatter (there are 1) for 5.0 s";
     assert!(text.contains(expected), "{text}");
 }
 
@@ -205,7 +205,8 @@ fn record_chooses_by_expression_and_splits_by_time_as_debian_s_rosbag_reads() {
     let noise = ["play", bag, "--remap", "/chatter:=/robot/noise", "--subscribe-timeout", "2"];
     let output = graph.command(AGENT, &noise).output().unwrap();
     assert!(!output.status.success(), "somebody received what is excluded");
-    graph.run(AGENT, &["play", bag, "--prefix", "robot"]);
+    // Slowly: each part has what came in its time, however late that is on a busy machine.
+    graph.run(AGENT, &["play", bag, "--prefix", "robot", "--rate", "0.4"]);
     interrupt(&mut recorder);
     recorder.wait_for("100 messages, ");
     let parts = parts(&graph);
@@ -223,30 +224,29 @@ fn debian_s_rosbag_records_what_we_play_and_we_record_what_it_plays() {
         return;
     }
     let graph = Graph::start(TMP);
-    let bag = bag_of_chatter(&graph, 200);
+    // No more than the queues of rosbag hold, which record and play have 100 long.
+    let bag = bag_of_chatter(&graph, 90);
     let theirs = graph.folder.join("theirs.bag");
     // The program behind `rosbag record`: it ends with its own Ctrl-C, not with its parent's.
     let arguments = ["--output-name", theirs.to_str().unwrap(), "/chatter"];
     let mut recorder = graph.spawn("/usr/lib/rosbag/record", &arguments);
-    // It subscribes with queues of 100: at full speed it would lose some, and the play would
-    // report that.
     let played = graph.run(AGENT, &["play", bag.to_str().unwrap(), "--rate", "1"]);
-    assert!(played.contains("200 received, 0 dropped"), "{played}");
+    assert!(played.contains("90 received, 0 dropped"), "{played}");
     interrupt(&mut recorder);
     wait_until("its bag is whole", || theirs.exists());
-    assert_eq!(read(&theirs).message_count(), 200);
+    assert_eq!(read(&theirs).message_count(), 90);
 
     let ours = graph.folder.join("ours.bag");
-    let arguments = ["record", "/again", "--output", ours.to_str().unwrap(), "--limit", "200"];
+    let arguments = ["record", "/again", "--output", ours.to_str().unwrap(), "--limit", "90"];
     let mut recorder = graph.spawn(AGENT, &arguments);
     let mut arguments = vec!["play", "--quiet", "--wait-for-subscribers", "--rate", "4"];
     arguments.extend([theirs.to_str().unwrap(), "/chatter:=/again"]);
     graph.run("/usr/bin/rosbag", &arguments);
-    wait_until("it has its 200", || recorder.has_ended());
+    wait_until("it has its 90", || recorder.has_ended());
     let recorded = read(&ours);
     let timeline = recorded.timeline(|_| true).unwrap();
     let texts = timeline.iter().map(|m| String::from_utf8(m.data[4..].to_vec()).unwrap());
-    assert!(texts.eq((0..200).map(|number| format!("message {number}"))));
+    assert!(texts.eq((0..90).map(|number| format!("message {number}"))));
 }
 
 #[test]
