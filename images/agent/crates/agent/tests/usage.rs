@@ -48,7 +48,7 @@ fn cpu_time_and_memory_of_all_processes_are_counted_however_they_end() {
     // One that the shell waits for, two at a time, and one that left its parent and group, whose
     // end is that of what can be read of the pipe: on a busy machine it takes its time.
     let script = format!(
-        "met={}; {burn} 1 0 $met 1; {burn} 128 2 $met 2 & {burn} 128 2 $met 2 & wait; \
+        "met={}; {burn} 1 0 $met 1; {burn} 128 3.5 $met 2 & {burn} 128 3.5 $met 2 & wait; \
          mkfifo $met/end; (setsid {burn} 1 0 $met 1 9>$met/end &); read line <$met/end; cat",
         met.display()
     );

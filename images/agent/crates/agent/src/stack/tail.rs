@@ -118,7 +118,7 @@ mod tests {
 
     fn kept(text: &str) -> Vec<String> {
         let stream = std::io::Cursor::new(text.to_owned());
-        Tail::follow(stream, "[test]".to_owned()).finish(Duration::from_secs(5))
+        Tail::follow(stream, "[test]".to_owned()).finish(Duration::from_secs(60))
     }
 
     #[test]
