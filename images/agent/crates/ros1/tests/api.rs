@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use bagpipe_graph::{Incoming, Node as _, NodeOptions, Share, Sink, TopicInfo};
 use bagpipe_ros1::{Master, Node, RosError, Value};
-use graph::{Graph, wait_until};
+use graph::{Graph, PATIENCE, wait_until};
 
 const TMP: &str = env!("CARGO_TARGET_TMPDIR");
 
@@ -40,8 +40,8 @@ fn start_node(graph: &Graph, name: &str, max_message: usize) -> (Node, Kept) {
     let kept = Kept::default();
     let options = NodeOptions {
         name: name.to_owned(),
-        call_deadline: Duration::from_secs(5),
-        stall: Duration::from_secs(5),
+        call_deadline: PATIENCE,
+        stall: PATIENCE,
         max_message,
         paced_by: bagpipe_graph::PacedBy::default(),
     };
@@ -126,7 +126,7 @@ fn rostopic_receives_our_messages_and_we_receive_its_messages() {
         let links = publication.subscribers();
         assert_eq!((links[0].lead_in, links[0].counted, links[0].counted_bytes), (2, 2, 18));
         assert!(!echo.lines().iter().any(|line| line.contains("older")));
-        let mut audit = node.audit(Duration::from_secs(5));
+        let mut audit = node.audit(PATIENCE);
         let link = ("/chatter".to_owned(), links[0].id);
         let asked = BTreeMap::from([(link.0.clone(), vec![link.1])]);
         let received = audit.ask(&links[0].node, &asked).unwrap()[&link];
@@ -181,8 +181,12 @@ fn rosnode_sees_a_node_as_it_is_and_leaves_no_trace() {
         assert!(info.contains("/chatter [std_msgs/String]"), "{info}");
         assert!(info.contains("/answer [unknown type]"), "{info}");
         assert!(info.contains(&format!("Pid: {}", std::process::id())), "{info}");
-        let ping = graph.run("/usr/bin/rosnode", &["ping", "-c", "1", "/bagpipe_test"]);
-        assert!(ping.contains("reply from http://127.0.0.1:"), "{ping}");
+        // It waits for three seconds, which a busy machine may take.
+        wait_until("it answers a ping", || {
+            let mut ping = graph.command("/usr/bin/rosnode", &["ping", "-c", "1", "/bagpipe_test"]);
+            let replies = String::from_utf8(ping.output().unwrap().stdout).unwrap();
+            replies.contains("reply from http://127.0.0.1:")
+        });
         drop(node);
         let state = graph.client().get_system_state().unwrap();
         assert_eq!((state.publishers.len(), state.subscribers.len()), (0, 0));

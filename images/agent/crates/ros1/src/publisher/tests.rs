@@ -98,8 +98,8 @@ fn who_reads_on_more_slowly_than_is_latched_misses_only_what_came_behind_the_fir
 #[test]
 fn who_reads_what_came_behind_the_first_in_drops_is_waited_for_no_longer_than_who_stops() {
     let info = TopicInfo { topic: "/map".to_owned(), latching: true, ..TopicInfo::default() };
-    let publication = Publication::new(info, Duration::from_secs(2));
-    let (size, read_at_once) = (32 << 20, 64 << 10);
+    let publication = Publication::new(info, Duration::from_secs(5));
+    let (size, read_at_once) = (32 << 20, 32 << 10);
     let second = frame(size, 2);
     publication.latch("/mapper", Share::Counted, &frame(size, 1));
     let (slow, mut reads_late) = connection();
@@ -111,7 +111,7 @@ fn who_reads_what_came_behind_the_first_in_drops_is_waited_for_no_longer_than_wh
         publication.latch("/mapper", Share::Counted, &second);
         assert_eq!(next_frame(&reads_late), Some((size as u32, 1)));
         let mut bytes = vec![0; read_at_once];
-        // Ten seconds for all of it, and none without a byte.
+        // Twenty seconds for all of it, and none without a byte.
         while !welcomed.is_finished() && reads_late.read(&mut bytes).is_ok_and(|read| read > 0) {
             std::thread::sleep(Duration::from_millis(20));
         }
