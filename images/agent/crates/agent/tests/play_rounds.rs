@@ -76,7 +76,10 @@ fn a_round_that_lost_something_is_named_and_makes_the_status_1() {
         let state = graph.client().get_system_state().unwrap();
         state.subscribers.get("/chatter").is_some_and(|nodes| nodes.len() == 2)
     });
-    let output = graph.command(AGENT, &["play", &bag, "--repeat", "2"]).output().unwrap();
+    // The one that leaves is there for the first round alone: it can only be given time to connect.
+    let start = ["--wait-for", "words", "--delay", "1"];
+    let mut command = graph.command(AGENT, &["play", &bag, "--repeat", "2"]);
+    let output = command.args(start).output().unwrap();
     leaver.wait_for("leaving 10");
     let (report, complaint) = (String::from_utf8(output.stdout), String::from_utf8(output.stderr));
     let (report, complaint) = (report.unwrap(), complaint.unwrap());

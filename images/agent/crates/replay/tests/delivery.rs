@@ -114,11 +114,8 @@ fn two_nodes_on_one_topic_are_two_lines_and_the_worst_one_counts() {
     let graph = Graph::start(TMP);
     let _slow = roscpp_relay(&graph, "10", "1000");
     let _whole = graph.python(&node("relay.py"), &["/joint_states", "/other", "0", "0"]);
-    wait_until("both nodes have subscribed", || {
-        let state = graph.client().get_system_state().unwrap();
-        state.subscribers.get("/joint_states").is_some_and(|nodes| nodes.len() == 2)
-    });
-    let request = request(&bag, &graph.uri);
+    let mut request = request(&bag, &graph.uri);
+    request.start.nodes = vec!["/relay".to_owned(), "/relay_py".to_owned()];
     let replayed = run(&bag, &request).unwrap();
     let lines = &replayed.ledger.topics[0].subscribers;
     let names: Vec<&str> = lines.iter().map(|line| line.node.as_str()).collect();

@@ -229,12 +229,9 @@ fn a_subscriber_that_leaves_early_keeps_its_line_and_its_loss_counts() {
     let graph = Graph::start(TMP);
     let _stays = graph.python(&node("words.py"), &["/talk"]);
     let leaver = graph.python(&node("leaver.py"), &["/talk", "50"]);
-    graph::wait_until("both nodes have subscribed", || {
-        let state = graph.client().get_system_state().unwrap();
-        state.subscribers.get("/talk").is_some_and(|nodes| nodes.len() == 2)
-    });
     let mut request = request(&bag, &graph.uri);
     request.mode = Mode::Realtime;
+    request.start.nodes = vec!["/words".to_owned(), "/leaver".to_owned()];
     let replayed = run(&bag, &request).unwrap();
     leaver.wait_for("leaving 50");
     let lines = &replayed.ledger.topics[0].subscribers;
