@@ -44,6 +44,7 @@ fn a_message_of_80_megabytes_goes_both_ways() {
     let _relay = graph.python(&node("anything.py"), &["/big", "/relayed"]);
     let mut request = request(&bag, &graph.uri);
     request.topics = vec!["/big".to_owned()];
+    request.drain_deadline = graph::PATIENCE;
     request.record_topics = vec!["/relayed".to_owned()];
     let replayed = run(&bag, &request).unwrap();
     assert_eq!((replayed.ledger.received, replayed.ledger.dropped), (2, 0));

@@ -7,7 +7,7 @@ mod scene;
 use std::process::Command;
 
 use bagpipe_replay::Mode;
-use graph::Graph;
+use graph::{Graph, wait_until};
 use scene::{TMP, bag_of_words, node, request, run, words};
 
 /// Processes that are nobody's here, and want all processors until this is dropped.
@@ -32,11 +32,15 @@ impl Drop for Strangers {
 #[test]
 fn a_machine_that_others_keep_busy_says_so() {
     let processors = std::thread::available_parallelism().unwrap().get();
-    let _strangers = Strangers::start(4 * processors);
     let messages: Vec<(usize, u64, &str)> = (0..30).map(|at| (0, at * 100, "word")).collect();
     let bag = bag_of_words(&[words("/talk", "/t", false)], &messages);
     let graph = Graph::start(TMP);
     let _node = graph.python(&node("words.py"), &["/talk"]);
+    // Beside so many it would take minutes to start.
+    wait_until("the node has subscribed", || {
+        graph.client().get_system_state().unwrap().subscribers.contains_key("/talk")
+    });
+    let _strangers = Strangers::start(4 * processors);
     let mut request = request(&bag, &graph.uri);
     request.mode = Mode::Realtime;
     let machine = run(&bag, &request).unwrap().machine.unwrap();

@@ -125,7 +125,7 @@ if libc.syscall(clone, 0x4000 | 17, 0, 0, 0, 0) == 0:
         let born = Instant::now();
         let seen = || look(&pids, born).threads.values().any(|(_, waits)| *waits == Waits::Disk);
         let mut found = seen();
-        while !found && born.elapsed() < Duration::from_secs(20) {
+        while !found && born.elapsed() < Duration::from_secs(60) {
             std::thread::sleep(Duration::from_millis(10));
             found = seen();
         }
