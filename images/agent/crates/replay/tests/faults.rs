@@ -6,8 +6,8 @@ mod scene;
 
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use bagpipe_replay::{Cancellation, Mode, Pause, ReplayError, Stage, replay};
@@ -245,15 +245,23 @@ fn a_subscriber_that_leaves_early_keeps_its_line_and_its_loss_counts() {
     assert_eq!(replayed.ledger.received, leaver.received);
 }
 
-/// Half-way through a hundred messages the play waits until so many nodes have subscribed: on a
-/// busy machine one takes as long to start as the rest of the play.
-fn half_way(graph: &Graph, topic: &str, nodes: usize) -> Pause {
-    let (master, wanted, asked) = (graph.client(), topic.to_owned(), AtomicU64::new(0));
-    let subscribed = move || {
-        let state = master.get_system_state().unwrap();
-        state.subscribers.get(&wanted).is_some_and(|there| there.len() >= nodes)
+/// Half-way through a hundred messages the play waits until a node is connected: on a busy machine
+/// it takes as long for that as the rest of the play.
+fn half_way(graph: &Graph, topic: &str, node: &str) -> Pause {
+    let (asked, there) = (AtomicU64::new(0), AtomicBool::new(false));
+    let connection = format!("* topic: {topic}\n");
+    let info = Mutex::new(graph.command("/usr/bin/rosnode", &["info", node]));
+    let connected = move || {
+        let output = info.lock().unwrap().output().unwrap();
+        String::from_utf8_lossy(&output.stdout).contains(&connection)
     };
-    let resumed = move |_: &str| asked.fetch_add(1, Ordering::Relaxed) < 50 || subscribed();
+    let resumed = move |_: &str| {
+        let is_early = asked.fetch_add(1, Ordering::Relaxed) < 50;
+        if !is_early && !there.load(Ordering::Relaxed) {
+            there.store(connected(), Ordering::Relaxed);
+        }
+        is_early || there.load(Ordering::Relaxed)
+    };
     Pause { topics: vec![topic.to_owned()], resumed: Arc::new(resumed) }
 }
 
@@ -273,7 +281,7 @@ fn a_subscriber_that_comes_late_has_lost_what_was_before() {
     };
     let mut request = request(&bag, &graph.uri);
     request.mode = Mode::Realtime;
-    request.pause = Some(half_way(&graph, "/talk", 2));
+    request.pause = Some(half_way(&graph, "/talk", "/leaver"));
     let replayed = replay(&bag, &request, &mut progress, &|| None).unwrap();
     let lines = &replayed.ledger.topics[0].subscribers;
     eprintln!("{lines:?}");

@@ -122,6 +122,11 @@ fn subscribers_come_and_go_and_each_has_its_own_line() {
             let state = graph.client().get_system_state().unwrap();
             state.subscribers.get("/words").is_some_and(|nodes| nodes.len() == 3)
         });
+        wait_until("both are connected", || {
+            ["/leaver", "/clock_of"].iter().all(|&node| {
+                graph.run("/usr/bin/rosnode", &["info", node]).contains("* topic: /words\n")
+            })
+        });
     });
     leaver.unwrap().wait_for("leaving 10");
     let lines = &replayed.ledger.topics[0].subscribers;
