@@ -1,7 +1,7 @@
 /* A node that relays, as its arguments say. It takes and reports as rclcpp's executors do: threads
  * wait in turn; a subscription's callbacks exclude each other. -DWITHOUT_TRACEPOINTS makes it one
  * like rclpy's. SIGINT and SIGTERM end it; SIGUSR1 has its life cycle
- * go on. */
+ * go on; at SIGUSR2 it loses what it is to lose. */
 #define _GNU_SOURCE
 #include "node.h"
 #include "rcl_timer.h"
@@ -29,6 +29,7 @@ static struct rmw_wait_set *set, *clock_set;
 static pthread_mutex_t waiting = PTHREAD_MUTEX_INITIALIZER; /* one thread waits */
 static pthread_mutex_t choosing = PTHREAD_MUTEX_INITIALIZER; /* of `busy` */
 static _Atomic bool ending;
+static _Atomic bool losing; /* a subscription, with its next message */
 
 static _Noreturn void fail(const char *what) {
   fprintf(stderr, "standin_node: %s: %s\n", what, rcutils_get_error_string().str);
@@ -138,7 +139,7 @@ static void renew_if_asked(struct subscription *of) {
   if (as->slow_us > 0) sleep_us(as->slow_us);
   if (asked.renew_every > 0 && of->taken % asked.renew_every == 0) renew(of, asked.apart_us);
   if (of->taken == as->renew_at) renew(of, as->apart_us);
-  if (of->taken != as->gone_at) return;
+  if (!as->goes || !losing) return;
   rmw_destroy_subscription(node, of->rmw);
   of->gone = true;
 }
@@ -268,9 +269,15 @@ static void write_counts(void) {
   fclose(file);
 }
 
+static void lose(void) {
+  if (asked.loses > 0) standin_lose(asked.loses);
+  losing = true;
+}
+
 static void wait_for_signal(const sigset_t *wanted) {
   int signal;
-  while (sigwait(wanted, &signal) == 0 && signal == SIGUSR1) life_turns();
+  while (sigwait(wanted, &signal) == 0 && (signal == SIGUSR1 || signal == SIGUSR2))
+    signal == SIGUSR1 ? life_turns() : lose();
   ending = true;
   for (int one = 0; one < asked.threads; one++) rmw_trigger_guard_condition(changed);
   rmw_trigger_guard_condition(clock_ends);
@@ -286,6 +293,7 @@ int serve(int argc, char **argv) {
   sigaddset(&wanted, SIGINT);
   sigaddset(&wanted, SIGTERM);
   sigaddset(&wanted, SIGUSR1);
+  sigaddset(&wanted, SIGUSR2);
   pthread_sigmask(SIG_BLOCK, &wanted, NULL);
   if (rmw_init(NULL, &context) != RMW_OK) fail("no context");
   node = rmw_create_node(&context, asked.name, asked.space);

@@ -35,7 +35,8 @@ struct asked {
   struct {
     char topic[256], package[128], folder[8], type[128];
     struct rmw_qos qos;
-    uint64_t renew_at, apart_us, slow_us, gone_at; /* of a subscription alone; 0: not */
+    uint64_t renew_at, apart_us, slow_us; /* of a subscription alone; 0: not */
+    bool goes;
   } subscription[MOST], publisher[MOST];
   int subscriptions, publishers;
   struct {
@@ -46,7 +47,7 @@ struct asked {
   bool sim_time, overlaps;
   int timer; /* the clock of the timer by which it publishes, or 0: a thread does */
   uint64_t delay_us, spins_late_us, first_us, die_after, drop_every, renew_every, apart_us, answers, burst, every_us,
-      doze_every, answers_from, answer_bytes;
+      doze_every, answers_from, answer_bytes, loses;
   char counts[512];
   int life; /* the state in which its life cycle begins, or 0: it has none */
   uint64_t leave_after;

@@ -30,7 +30,7 @@ static const char usage[] =
     "--apart-us N           how long it has none in between\n"
     "--renew I:N:US         once, after the Nth message of the Ith --sub, with so long in between\n"
     "--overlaps             the other one is created before the one is destroyed\n"
-    "--gone I:N            after its Nth message the Ith --sub is destroyed for good\n"
+    "--gone I               after its next message from SIGUSR2 on the Ith --sub is destroyed for good\n"
     "--slow I:US            how long callbacks of the Ith --sub take besides\n"
     "--doze-every N         after each Nth of the first hundred messages of a topic no more are taken\n"
     "                       until another one comes, whatever waits\n"
@@ -41,7 +41,7 @@ static const char usage[] =
     "--lists-late-ms N      how long a subscription is in the graph before the node, and so its ledger,\n"
     "                       has it\n"
     "--returns-late-us N    how long a call that publishes goes on after its message went out\n"
-    "--loses N:MANY         of what it publishes so many are lost on the way, from the Nth on\n"
+    "--loses MANY           of what it publishes so many are lost on the way, from SIGUSR2 on\n"
     "--origins gid|none     messages have their publisher as other middlewares give it, or not at all\n"
     "--burst N              Strings at once on each publisher that no relay has\n"
     "--every-us N           and then one after the other, by a thread outside of callbacks\n"
@@ -128,8 +128,8 @@ static void renew_once(const char *text) {
 
 static void gone(const char *text) {
   unsigned long long of[2];
-  __typeof__(&asked.subscription[0]) one = one_of(text, 1, of);
-  one->gone_at = of[0];
+  __typeof__(&asked.subscription[0]) one = one_of(text, 0, of);
+  one->goes = true;
 }
 
 static void slow(const char *text) {
@@ -168,7 +168,7 @@ static void value(const char *option, const char *text) {
   else if (!strcmp(option, "--meets-late-ms")) setenv(MEETS_LATE, text, 1);
   else if (!strcmp(option, "--lists-late-ms")) setenv(LISTS_LATE, text, 1);
   else if (!strcmp(option, "--returns-late-us")) setenv(RETURNS_LATE, text, 1);
-  else if (!strcmp(option, "--loses")) setenv(LOSES, text, 1);
+  else if (!strcmp(option, "--loses")) asked.loses = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--origins")) setenv(ORIGINS, text, 1);
   else if (!strcmp(option, "--leave-after")) asked.leave_after = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--life-cycle"))
@@ -194,6 +194,7 @@ void read_arguments(int argc, char **argv) {
     }
   }
   if (asked.threads < 1 || asked.threads > MOST) refuse("no number of threads", "--threads");
+  if (asked.loses > 0 && standin_lose == NULL) refuse("no way to lose anything", "--loses");
   if (asked.doze_every > 0 && standin_has_news == NULL) refuse("no way to know what comes", "--doze-every");
   /* Another thread may wait for the subscription that is destroyed. */
   if (asked.renew_every > 0 && (asked.threads > 1 || asked.sim_time))

@@ -172,7 +172,6 @@ int rmw_subscription_get_actual_qos(const struct rmw_endpoint *subscription, str
 #define LISTS_LATE "STANDIN_LISTS_LATE_MS"
 /* For so many us a call that publishes goes on after its message went out. */
 #define RETURNS_LATE "STANDIN_RETURNS_LATE_US"
-#define LOSES "STANDIN_LOSES"
 /* How a message that is taken has its publisher. Not set: as Cyclone DDS, by a handle of the process;
  * "gid": as other middlewares; "none": not at all. */
 #define ORIGINS "STANDIN_ORIGINS"
@@ -189,6 +188,8 @@ int rmw_get_gid_for_publisher(const struct rmw_endpoint *publisher, struct rmw_g
 int rmw_publisher_assert_liveliness(const struct rmw_endpoint *publisher);
 /* How often a publisher was taken for dead by a subscription of this process; over Cyclone DDS alone. */
 __attribute__((weak)) unsigned long standin_deaths(void);
+/* Of what this process publishes from now on so many are lost on the way; over Cyclone DDS alone. */
+__attribute__((weak)) void standin_lose(uint64_t many);
 int rmw_take(const struct rmw_endpoint *subscription, void *message, bool *taken, void *allocation);
 /* Whether a message has come since the last take, which is not taken; over Cyclone DDS alone. */
 __attribute__((weak)) bool standin_has_news(const struct rmw_endpoint *subscription);

@@ -225,12 +225,25 @@ fn what_is_played_is_none_of_the_stacks_answers() {
 #[test]
 fn what_one_of_two_lost_that_goes_just_before_the_end_is_not_hidden_by_the_other() {
     let scene = Scene::new();
-    // Between the last three looks, which are half a second apart.
-    let goes = ["--sub", ONE, "--slow", "2:5000", "--gone", "2:150"];
+    let goes = ["--sub", ONE, "--slow", "2:5000", "--gone", "2"];
     let node = ["--name", "/two", "--threads", "2", "--sub", DEEP];
-    let _two = scene.start("standin_node", &[&node[..], &goes].concat());
+    let two = scene.start("standin_node", &[&node[..], &goes].concat());
+    scene.await_subscriptions(2);
+    let is_gone =
+        || scene.ledger.endpoints().unwrap().iter().filter(|one| !one.destroyed).count() == 1;
+    let mut goes = false;
+    let mut seen = |progress: Progress| {
+        // Between the last three looks, which are half a second apart.
+        if progress.stage == Stage::Play && progress.sent > 900 {
+            match goes {
+                false => two.signal("USR2"),
+                true => eventually(is_gone),
+            }
+            goes = true;
+        }
+    };
     let ask = Ask { record: &["/none"], ..REALTIME };
-    let replayed = scene.play(&recording(&["/in"], 1700, 50), &ask).unwrap();
+    let replayed = scene.play_while(&recording(&["/in"], 1700, 50), &ask, &mut seen).unwrap();
     let line = &lines(&replayed)[0];
     assert_eq!(line.strength, Strength::Sent, "{line:?}");
 }

@@ -77,6 +77,17 @@ fn start_keeping(scene: &Scene, many: u64, more: &[&str]) -> Node {
     other
 }
 
+/// During a play, has a node lose what it is to lose when the recorder has long been there.
+fn losing_midway(node: &Node) -> impl FnMut(Progress) {
+    let mut loses = false;
+    move |progress: Progress| {
+        if progress.stage == Stage::Play && progress.sent > 0 && !loses {
+            node.signal("USR2");
+            loses = true;
+        }
+    }
+}
+
 /// Plays messages by the clock, and when that begins a node that does not count publishes as well.
 fn beside_who_begins_uncounted(scene: &Scene) -> Replayed {
     let mut other = None;

@@ -1,13 +1,16 @@
 //! Publishers that the recorder never meets, as nodes of another domain: what they publish is missed, whoever else
 //! publishes the topic, and whenever they came; and nobody's own messages are, beside one that publishes nothing.
 
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use bagpipe_replay::{Mode, Progress, ReplayError, Replayed, Stage};
+use bagpipe_ros2ledger::Kind;
 
 use crate::other_types::await_topic;
 use crate::scene::{Ask, DEFAULT, RELAY, Scene, recorded, recording};
-use crate::standin::{Graph, Node};
+use crate::standin::{Graph, Node, eventually};
+use crate::{counts, losing_midway};
 
 const TALK: &str = "/talk:std_msgs/msg/String:1000:reliable";
 const KEPT: &str = "/talk:std_msgs/msg/String:10:reliable:transient_local";
@@ -37,13 +40,42 @@ struct Apart {
     scene: Scene,
     elsewhere: Graph,
     _relay: Option<Node>,
+    /// What /far and /near had published whenever the play reported where it was.
+    seen: Mutex<Vec<(Stage, [u64; 2])>>,
 }
+
+const FAR: usize = 0;
+const NEAR: usize = 1;
 
 impl Apart {
     fn new() -> Apart {
         let scene = Scene::new();
         let relay = scene.start("standin_node", &RELAY);
-        Apart { scene, elsewhere: Graph::new(), _relay: Some(relay) }
+        Apart { scene, elsewhere: Graph::new(), _relay: Some(relay), seen: Mutex::default() }
+    }
+
+    /// What both have published by now.
+    fn published(&self) -> [u64; 2] {
+        ["/far", "/near"].map(|node| counts(&self.scene, Kind::Publisher, node, "/talk").published)
+    }
+
+    fn seen(&self) -> MutexGuard<'_, Vec<(Stage, [u64; 2])>> {
+        self.seen.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// What one has published since the play began, by the last report of it.
+    fn since_the_begin(&self, one: usize) -> u64 {
+        let seen = self.seen();
+        let begin = seen.iter().find(|report| report.0 == Stage::Play).unwrap();
+        seen.last().unwrap().1[one] - begin.1[one]
+    }
+
+    /// The same from its second report to its end: all of that is recorded, if it arrives.
+    fn midway(&self, one: usize) -> u64 {
+        let seen = self.seen();
+        let begin = seen.iter().filter(|report| report.0 == Stage::Play).nth(1).unwrap();
+        let end = seen.iter().find(|report| report.0 == Stage::Drain).unwrap();
+        end.1[one] - begin.1[one]
     }
 
     /// A node that counts here, and is in another domain.
@@ -55,24 +87,46 @@ impl Apart {
         self.scene.start("standin_node", arguments)
     }
 
-    /// Plays so many messages, 1 ms apart; somebody comes when the play has begun.
-    fn play(
+    /// Plays so many messages, 1 ms apart.
+    fn play(&self, messages: u64) -> Result<Replayed, ReplayError> {
+        self.play_while(messages, &mut |_| {})
+    }
+
+    /// The same, and this one comes when the play has begun.
+    fn play_when(
         &self,
         messages: u64,
-        comes: impl Fn() -> Option<Node>,
+        one: usize,
+        comes: impl Fn() -> Node,
     ) -> Result<Replayed, ReplayError> {
         let mut came = None;
         let mut seen = |progress: Progress| {
             if progress.stage == Stage::Play && came.is_none() {
-                came = comes();
+                came = Some(comes());
+                // A slow start would leave it less of the play than it takes to be missed.
+                eventually(|| self.published()[one] > 0);
             }
         };
-        self.scene.play_while(&recording(&["/in"], messages, 100), &ASK, &mut seen)
+        self.play_while(messages, &mut seen)
     }
-}
 
-fn nobody() -> Option<Node> {
-    None
+    /// That no less was missed than a stranger published, but for what may be anybody's, and no more than so many.
+    fn assert_missing(&self, missing: u64, most: u64) {
+        let least = self.since_the_begin(FAR) * 3 / 4;
+        assert!(least > 0 && (least..=most).contains(&missing), "{least} {missing} {most}");
+    }
+
+    fn play_while(
+        &self,
+        messages: u64,
+        seen: &mut dyn FnMut(Progress),
+    ) -> Result<Replayed, ReplayError> {
+        let mut noted = |progress: Progress| {
+            self.seen().push((progress.stage, self.published()));
+            seen(progress);
+        };
+        self.scene.play_while(&recording(&["/in"], messages, 100), &ASK, &mut noted)
+    }
 }
 
 #[test]
@@ -80,8 +134,8 @@ fn what_was_recorded_before_the_play_makes_up_for_nothing_that_a_stranger_publis
     let apart = Apart::new();
     let _near = apart.near(&talker("/near", "1000", &[]));
     let _far = apart.far(&talker("/far", "1000", &[]));
-    let missing = missed(apart.play(1000, nobody), "/far");
-    assert!((900..3000).contains(&missing), "{missing}");
+    let missing = missed(apart.play(1000), "/far");
+    apart.assert_missing(missing, apart.published()[FAR]);
 }
 
 #[test]
@@ -89,44 +143,46 @@ fn who_comes_during_the_play_makes_up_for_nothing_that_a_stranger_publishes() {
     let apart = Apart::new();
     let _far = apart.far(&talker("/far", "2000", &[]));
     apart.scene.await_published("/talk", 1);
-    let missing =
-        missed(apart.play(3000, || Some(apart.near(&talker("/near", "500", &[])))), "/far, /near");
-    assert!((1300..6000).contains(&missing), "{missing}");
+    let comes = || apart.near(&talker("/near", "500", &[]));
+    let missing = missed(apart.play_when(3000, NEAR, comes), "/far, /near");
+    apart.assert_missing(missing, apart.published()[FAR] + apart.midway(NEAR));
 }
 
 #[test]
 fn a_stranger_of_more_than_two_seconds_is_believed_to_have_met_nobody() {
     let apart = Apart { _relay: None, ..Apart::new() };
-    let _near = apart.near(&talker("/near", "100000", &["--loses", "60:10"]));
+    let near = apart.near(&talker("/near", "100000", &["--loses", "10"]));
     let _far = apart.far(&talker("/far", "1000", &[]));
-    apart.scene.await_published("/talk", 1);
+    eventually(|| apart.published().iter().all(|published| *published > 0));
     let played = std::thread::scope(|scope| {
         let late = scope.spawn(|| {
             std::thread::sleep(Duration::from_secs(4));
             apart.near(&RELAY)
         });
-        let played = apart.play(3000, nobody);
+        let played = apart.play_while(3000, &mut losing_midway(&near));
         drop(late.join().unwrap());
         played
     });
     let missing = missed(played, "/far");
-    assert!(missing > 2900, "{missing}");
+    apart.assert_missing(missing, apart.published()[FAR]);
 }
 
 #[test]
 fn who_comes_during_the_play_and_never_meets_the_recorder_is_missed() {
     let apart = Apart::new();
-    let missing =
-        missed(apart.play(4000, || Some(apart.far(&talker("/far", "1000", &[])))), "/far");
-    assert!(missing > 1900, "{missing}");
+    let comes = || apart.far(&talker("/far", "1000", &[]));
+    let missing = missed(apart.play_when(4000, FAR, comes), "/far");
+    apart.assert_missing(missing, apart.published()[FAR]);
 }
 
 #[test]
 fn a_stranger_that_publishes_nothing_hides_no_loss_of_another() {
     let apart = Apart::new();
     let _far = apart.far(&["--name", "/far", "--pub", TALK]);
-    let _near = apart.near(&talker("/near", "1000", &["--loses", "4000:500"]));
-    let Err(error) = apart.play(4000, nobody) else { panic!("passed") };
+    let near = apart.near(&talker("/near", "1000", &["--loses", "500"]));
+    apart.scene.await_published("/talk", 1);
+    let played = apart.play_while(4000, &mut losing_midway(&near));
+    let Err(error) = played else { panic!("passed") };
     let text = error.to_string();
     // One that is published just then may stand for one of them.
     let some = |lost: u64| text.contains(&format!("{lost} messages of /talk did not reach"));
@@ -138,7 +194,8 @@ fn beside_a_stranger_that_publishes_nothing_whoever_is_recorded_whole_lacks_noth
     let apart = Apart::new();
     let _far = apart.far(&["--name", "/far", "--pub", TALK]);
     let _near = apart.near(&talker("/near", "1000", &[]));
-    assert!(recorded(&apart.play(2000, nobody).unwrap()).len() >= 2000);
+    let recorded = recorded(&apart.play(2000).unwrap()).len() as u64;
+    assert!(recorded >= apart.midway(NEAR), "{recorded}");
 }
 
 #[test]
@@ -150,8 +207,8 @@ fn who_publishes_and_does_not_count_makes_up_for_nothing_that_a_stranger_publish
         let _near = apart.scene.start_uncounted("standin_node", &talker(near, "1000", &[]));
         await_topic(&apart.scene, "/talk", 1);
         apart.scene.await_published("/talk", 1);
-        let missing = missed(apart.play(3000, nobody), "/far");
-        assert!((1300..3500).contains(&missing), "{missing}");
+        let missing = missed(apart.play(3000), "/far");
+        apart.assert_missing(missing, apart.published()[FAR]);
     }
 }
 
@@ -171,8 +228,9 @@ fn beside_who_does_not_match(others: &[&str]) {
     let words = ["--name", "/near", "--pub", best_effort, "--every-us", "1000"];
     let _namesake = apart.scene.start_uncounted("standin_node", &words);
     await_topic(&apart.scene, "/talk", 2);
-    let replayed = apart.play(2000, nobody).unwrap();
-    assert!(recorded(&replayed).len() >= 2000);
+    let replayed = apart.play(2000).unwrap();
+    let recorded = recorded(&replayed).len() as u64;
+    assert!(recorded >= apart.midway(NEAR), "{recorded}");
     let warnings = replayed.playback.warnings.join("; ");
     assert!(warnings.contains("publish /talk (at least 1)"), "{warnings}");
 }
@@ -181,11 +239,12 @@ fn beside_who_does_not_match(others: &[&str]) {
 #[test]
 fn who_publishes_and_does_not_count_makes_up_for_nothing_that_another_loses() {
     let apart = Apart::new();
-    let _near = apart.near(&talker("/near", "1000", &["--loses", "2000:500"]));
+    let near = apart.near(&talker("/near", "1000", &["--loses", "500"]));
     let words = talker("/other", "1000", &[]);
     let _other = apart.scene.start_uncounted("standin_node", &words);
     await_topic(&apart.scene, "/talk", 2);
-    let Err(error) = apart.play(4000, nobody) else { panic!("passed") };
+    let played = apart.play_while(4000, &mut losing_midway(&near));
+    let Err(error) = played else { panic!("passed") };
     assert_eq!(error.reason(), "RecordingIncomplete");
     let text = error.to_string();
     let some = |lost: u64| text.contains(&format!("{lost} messages of /talk did not reach"));
@@ -199,5 +258,7 @@ fn beside_who_does_not_count_whoever_is_recorded_whole_lacks_nothing() {
     let _near = apart.near(&talker("/near", "1000", &[]));
     let _other = apart.scene.start_uncounted("standin_node", &talker("/other", "700", &[]));
     await_topic(&apart.scene, "/talk", 2);
-    assert!(recorded(&apart.play(2000, nobody).unwrap()).len() >= 4000);
+    let recorded = recorded(&apart.play(2000).unwrap()).len() as u64;
+    // The other one's are as many and more.
+    assert!(recorded >= 2 * apart.midway(NEAR), "{recorded}");
 }
