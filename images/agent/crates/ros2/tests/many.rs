@@ -6,6 +6,7 @@ mod scene;
 mod standin;
 
 use std::collections::BTreeMap;
+use std::time::Duration;
 
 use bagpipe_log::RecordingWriter;
 use bagpipe_mcap::{Mcap, McapWriter, WriterOptions};
@@ -38,8 +39,11 @@ fn a_thousand_topics_are_played_and_recorded_in_one_case() {
     let scene = Scene::new();
     let inputs: Vec<String> = (0..TOPICS).map(|one| format!("/in_{one}")).collect();
     let _relay = scene.start("standin_node", &borrowed(&relay(&inputs, &["--name", "/relay"])));
+    scene.await_subscriptions(TOPICS);
     let mcap = recording(&borrowed(&inputs), 5 * TOPICS as u64, 100);
-    let replayed = scene.play(&mcap, &Ask::default()).unwrap();
+    // So many are found one after the other, and a busy machine pauses in between.
+    let ask = Ask { stable: Duration::from_secs(2), ..Ask::default() };
+    let replayed = scene.play(&mcap, &ask).unwrap();
     let ledger = &replayed.ledger;
     assert_eq!((ledger.sent, ledger.received, ledger.dropped), (5000, 5000, 0));
     assert_eq!(ledger.strength, Some(Strength::Called));
@@ -198,6 +202,7 @@ fn the_slower_of_two_sets_the_pace_and_is_named_with_its_queue() {
     };
     let _quick = start("/quick", 7, &[]);
     let _slow = start("/slow", 10, &["--delay-us", "5000"]);
+    scene.await_subscriptions(2);
     let replayed = scene.play(&recording(&["/in"], 100, 50), &Ask::default()).unwrap();
     let playback = &replayed.playback;
     let pace = playback.pace.clone().unwrap();

@@ -185,6 +185,7 @@ fn what_is_kept_while_a_node_is_away_was_not_sent_to_it() {
     let first = ["--name", "/first", "--delay-us", "1000", "--sub", &queue("10")];
     let _first = scene.start("standin_node", &first);
     let _lane = start_lane_of(&scene, &late_queue("100"), &["--renew", "1:1000:1500000"]);
+    scene.await_subscriptions(2);
     let replayed = scene.play(&recording_of(&strings(LATCHED), 3500, 60), &DEFAULT).unwrap();
     assert_eq!(late(&scene), [false, true]);
     let line = line_of_lane(&replayed);

@@ -118,11 +118,11 @@ fn what_another_overwrites_is_counted_and_not_waited_for_as_long_as_who_has_stop
     scene.await_offered("/in", 5);
     // As many waits of so long would outlast the case.
     let ask = Ask { mode: Mode::Lockstep, drain: Duration::from_secs(20), ..DEFAULT };
-    let replayed = scene.play(&recording_of(&strings(RELIABLE), 30, 60), &ask).unwrap();
-    let lost = 30 - answered(&scene);
+    let replayed = scene.play(&recording_of(&strings(RELIABLE), 150, 60), &ask).unwrap();
+    let lost = 150 - answered(&scene);
     assert!(lost > 0, "the other was too slow");
     let (sent, received, dropped) = proved(&replayed.ledger);
-    assert_eq!((sent, received + dropped), (30, 30));
+    assert_eq!((sent, received + dropped), (150, 150));
     // The last one may come when it is not waited for any more.
     assert!((lost..=lost + 1).contains(&dropped), "{lost} lost, {dropped} reported");
 }

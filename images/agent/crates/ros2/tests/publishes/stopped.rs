@@ -37,6 +37,7 @@ fn beside_who_stops(sleeper: &[&str], mode: Mode, other: bool) -> String {
     let _lane = start_lane(&scene, "100", &[]);
     let queue = ["--name", "/sleeper", "--sub", "/in:std_msgs/msg/String:10:reliable"];
     let sleeper = scene.start("standin_node", &[&queue[..], sleeper].concat());
+    scene.await_subscriptions(2);
     let _other = other.then(|| {
         let other = start_other(&scene, &["--every-us", "50000"]);
         scene.await_published("/in", 2);
@@ -130,6 +131,9 @@ fn who_works_off_what_another_gave_it_has_not_stopped() {
         if progress.stage == Stage::Play && progress.sent > 0 && other.is_none() {
             let words = ["--name", "/other", "--pub", &queue, "--burst", "300"];
             other = Some(scene.start("standin_node", &words));
+            // More than ours, while these wait: what the other keeps has begun to come.
+            let taken = || counts(&scene, Kind::Subscription, "/lane", "/in").taken;
+            eventually(|| taken() > progress.sent + 5);
         }
     };
     // Of what the other gives it, it takes fewer in that time.

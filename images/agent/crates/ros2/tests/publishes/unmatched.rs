@@ -62,6 +62,7 @@ fn who_asks_for_another_type_is_named_and_neither_waited_for_nor_proved() {
             let other = ["--name", "/planner", "--sub", "/in:sensor_msgs/msg/Imu:10:reliable"];
             let _planner = scene.start("standin_node", &other);
             let _lane = start_lane(&scene, "1000", &["--delay-us", "500"]);
+            scene.await_subscriptions(2);
             let ask = Ask { mode, drain: Duration::from_secs(3), ..DEFAULT };
             let recording = recording_of(&strings(RELIABLE), messages, 60);
             let replayed = scene.play(&recording, &ask).unwrap();
@@ -83,6 +84,7 @@ fn who_spins_late_is_counted_though_another_one_never_matches() {
     let _other = scene.start("standin_node", &other);
     let planner = ["--name", "/planner", "--sub", &queue("10"), "--spins-late-us", "5000000"];
     let _planner = scene.start("standin_node", &planner);
+    scene.await_subscriptions(2);
     let ask = Ask { mode: Mode::Max, drain: Duration::from_secs(20), ..DEFAULT };
     let replayed = scene.play(&recording_of(&strings(RELIABLE), 60, 60), &ask).unwrap();
     assert_eq!(lines_of(&replayed, "/planner"), [(60, 60, Strength::Called)]);
@@ -123,6 +125,7 @@ fn who_asks_for_the_recorded_deadline_and_liveliness_is_played_to_and_who_asks_f
     };
     let _lane = start("/lane", "1000:20000:manual", &[&["--relay", "/in=/out"], &OUT[..]].concat());
     let _strict = start("/strict", "999:0:automatic", &[]);
+    scene.await_subscriptions(2);
     let ask = Ask { mode: Mode::Max, ..DEFAULT };
     let replayed = scene.play(&recording_of(&recorded_as, 50, 60), &ask).unwrap();
     assert_eq!(lines_of(&replayed, "/lane"), [(50, 50, Strength::Called)]);
@@ -138,6 +141,7 @@ fn what_was_recorded_without_a_deadline_is_played_without_one() {
     let asks = ["--presence", "1000:0:automatic", "--sub", "/in:std_msgs/msg/String:10:reliable"];
     let _strict = scene.start("standin_node", &[&["--name", "/strict"], &asks[..]].concat());
     let _lane = start_lane(&scene, "10", &[]);
+    scene.await_subscriptions(2);
     let ask = Ask { mode: Mode::Max, ..DEFAULT };
     let replayed = scene.play(&recording_of(&strings(RELIABLE), 50, 60), &ask).unwrap();
     assert_eq!(lines_of(&replayed, "/strict"), []);
@@ -181,6 +185,7 @@ fn who_is_waited_for_when_the_first_message_goes_out_by_the_clock_has_all_of_the
         {
             let words = ["--name", "/second", "--sub", &deep, "--spins-late-us", "3000000"];
             second = Some(scene.start("standin_node", &words));
+            scene.await_subscriptions(3);
         }
     };
     let ask = Ask { mode: Mode::Realtime, drain: Duration::from_secs(10), ..DEFAULT };
@@ -203,6 +208,7 @@ fn of_two_processes_of_one_name_the_line_of_who_never_matched_stays_when_it_ends
         if progress.sent > 500 && other.is_none() {
             let words = ["--name", "/lane", "--sub", "/in:sensor_msgs/msg/Imu:10:reliable"];
             other = Some(Some(scene.start("standin_node", &words)));
+            scene.await_subscriptions(2);
         }
         if progress.sent > 2_500 {
             other.as_mut().map(Option::take);
@@ -245,11 +251,17 @@ fn who_is_in_the_graph_before_its_process_has_listed_it_is_proved_once_it_has() 
     let first = ["--name", "/first", "--sub", &queue("10"), "--spins-late-us", "4000000"];
     let _first = scene.start("standin_node", &first);
     scene.await_subscriptions(1);
+    let scout = scene.graph.player();
+    let is_there = || {
+        let nodes = scout.graph().unwrap();
+        nodes.iter().any(|node| node.name == "/second" && !node.subscribes.is_empty())
+    };
     let mut second = None;
     let mut seen = |progress: Progress| {
         if progress.stage == Stage::Subscribe && second.is_none() {
             let words = ["--name", "/second", "--sub", &queue("10"), "--lists-late-ms", "1500"];
             second = Some(scene.start("standin_node", &words));
+            eventually(is_there);
         }
     };
     let ask = Ask { mode: Mode::Max, drain: Duration::from_secs(3), ..DEFAULT };
