@@ -11,7 +11,7 @@ use scene::{Ask, DEFAULT, RELAY, Scene, recording};
 
 /// More than a socket of Cyclone DDS holds on any machine.
 const LARGE: &str = "4000000";
-const MESSAGES: u64 = 5;
+const MESSAGES: u64 = 2;
 
 /// A node that answers each message with one of so many bytes, played to in a scene.
 fn played(reliability: &str, ask: &Ask<'_>) -> u64 {

@@ -37,6 +37,8 @@ fn a_node_that_was_active_before_anybody_looked_is_played_to() {
 fn the_play_does_not_begin_before_the_node_is_active() {
     let scene = Scene::new();
     let relay = scene.start("standin_node", &relay(&["--life-cycle", "inactive"]));
+    // Before it has a subscription, the signal might end it.
+    scene.await_subscriptions(1);
     let mut stages = Vec::new();
     // It is looked at twice a second: by then all else has long been there.
     let mut seen = |progress: Progress| {

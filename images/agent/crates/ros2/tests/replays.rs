@@ -92,7 +92,7 @@ fn a_slow_node_wakes_the_agent_once_for_each_half_of_its_queue() {
     assert_eq!((replayed.ledger.received, replayed.ledger.dropped), (1000, 0));
     // Each of its 1,000 takes would, and so would the ends of the last ten callbacks.
     let wakes = wakes(&scene);
-    assert!((100..=250).contains(&wakes), "{wakes}");
+    assert!((40..=250).contains(&wakes), "{wakes}");
 }
 
 /// Over Fast DDS threads of a real executor miss that messages wait, and sleep until another one comes.
@@ -298,7 +298,7 @@ fn who_asks_for_more_than_was_recorded_is_named() {
     let late = ["--name", "/late", "--sub", "/in:sensor_msgs/msg/Imu:10:reliable:transient_local"];
     let _late = scene.start("standin_node", &late);
     scene.await_subscriptions(1);
-    let ask = Ask { record: &["/none"], deadline: Duration::from_secs(3), ..Ask::default() };
+    let ask = Ask { record: &["/none"], deadline: Duration::from_secs(5), ..Ask::default() };
     let error = scene.play(&recording(&["/in"], 5, 100), &ask).err().unwrap();
     assert_eq!(error.reason(), "NeverSubscribed");
     let sentence = error.to_string();

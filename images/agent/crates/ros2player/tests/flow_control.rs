@@ -16,7 +16,7 @@ fn what_is_larger_than_a_socket_arrives_of_best_effort_too() {
         let player = graph.player();
         let publisher = player.advertise("/far", "std_msgs/UInt8MultiArray", &ALL).unwrap();
         graph.met("/far", &player, publisher);
-        for one in 1..=5 {
+        for one in 1..=2 {
             publish(&player, publisher, &message(one, 4_000_000)).unwrap();
             eventually(|| graph.subscription("/far").counts.taken == one);
         }

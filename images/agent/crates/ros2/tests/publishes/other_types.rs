@@ -178,6 +178,9 @@ fn nor_does_who_leaves_in_the_play_hide_whoever_publishes_from_then_on() {
         for (program, words) in [namesake, ("dds_relay", &PROGRAM)] {
             let mut talks = Some(scene.start("standin_node", &TALKS));
             let _relay = scene.start("standin_node", &RELAY);
+            let scout = scene.graph.player();
+            let publishes = |one: GraphPublisher| one.datatype == "std_msgs/msg/String";
+            let is_there = || scout.publishers_of("/talk").unwrap().into_iter().any(publishes);
             let mut other = None;
             let played = play_while(&scene, &["/out", "/talk"], 3000, |progress| {
                 if progress.stage == Stage::Play
@@ -185,6 +188,7 @@ fn nor_does_who_leaves_in_the_play_hide_whoever_publishes_from_then_on() {
                 {
                     assert!(talks.end());
                     other = Some(scene.start_uncounted(program, words));
+                    eventually(is_there);
                 }
             });
             let text = missed(played);
@@ -248,7 +252,11 @@ fn a_program_whose_type_is_not_installed_costs_a_pattern_no_other_topic() {
         let mut late = None;
         let played = play_while(&scene, &["/.*"], 2000, |progress| {
             if progress.stage == Stage::Play {
-                late.get_or_insert_with(|| scene.start("standin_node", &later));
+                late.get_or_insert_with(|| {
+                    let node = scene.start("standin_node", &later);
+                    await_topic(&scene, "/later", 1);
+                    node
+                });
             }
         });
         let replayed = played.unwrap();
@@ -267,7 +275,9 @@ fn what_is_asked_for_by_its_name_and_can_t_be_recorded_is_missed_though_it_comes
             if progress.stage == Stage::Play {
                 program.get_or_insert_with(|| {
                     let odd = ["/other", "/odd", "not_installed_msgs/Thing"];
-                    scene.start_uncounted("dds_relay", &odd)
+                    let program = scene.start_uncounted("dds_relay", &odd);
+                    await_topic(&scene, "/odd", 1);
+                    program
                 });
             }
         });

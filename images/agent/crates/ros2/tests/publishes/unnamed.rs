@@ -6,7 +6,7 @@ use bagpipe_replay::Stage;
 
 use crate::other_types::{TALK, TALKS, await_topic, play, play_while};
 use crate::scene::{RELAY, Scene, recorded};
-use crate::standin::Node;
+use crate::standin::{Node, eventually};
 
 /// What warns of those that publish /talk and do not count, where it is recorded as Imu.
 fn warnings_of(scene: &Scene) -> String {
@@ -79,12 +79,18 @@ fn who_comes_in_the_last_second_of_the_play_is_named() {
         let scene = Scene::new();
         let _talks = scene.start("standin_node", &TALKS);
         let _relay = scene.start("standin_node", &RELAY);
+        let scout = scene.graph.player();
+        let is_there = || scout.publishers_of("/talk").unwrap().len() == 2;
         let (mut late, mut since) = (None, None);
         let played = play_while(&scene, &["/out", "/talk"], 3000, |progress| {
             if progress.stage == Stage::Play
                 && since.get_or_insert_with(Instant::now).elapsed() > Duration::from_secs(2)
             {
-                late.get_or_insert_with(|| scene.start_uncounted("standin_node", words));
+                late.get_or_insert_with(|| {
+                    let node = scene.start_uncounted("standin_node", words);
+                    eventually(is_there);
+                    node
+                });
             }
         });
         assert!(late.is_some());
@@ -108,10 +114,10 @@ fn of_a_hundred_topics_each_is_asked_for_in_its_turn() {
     let mut namesake = Some(scene.start_uncounted("standin_node", &words));
     await_topic(&scene, "/talk_70", 2);
     let mut since = None;
-    let played = play_while(&scene, &["/out", "/talk_.*"], 6000, |progress| {
+    let played = play_while(&scene, &["/out", "/talk_.*"], 8000, |progress| {
         // It is gone when all topics are asked for at the end.
         if progress.stage == Stage::Play
-            && since.get_or_insert_with(Instant::now).elapsed() > Duration::from_secs(4)
+            && since.get_or_insert_with(Instant::now).elapsed() > Duration::from_secs(6)
         {
             namesake.take().map(Node::end);
         }

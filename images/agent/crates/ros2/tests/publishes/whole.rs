@@ -177,6 +177,9 @@ fn who_begins_to_publish_before_the_play_is_counted_though_it_met_nobody_at_firs
     let _lane = start_lane(&scene, "1000", &[]);
     let leader = ["--name", "/leader", "--life-cycle", "inactive"];
     let leader = scene.start("standin_node", &leader);
+    let scout = scene.graph.player();
+    // Before it has a node, the signal would end it.
+    eventually(|| scout.graph().unwrap().iter().any(|node| node.name == "/leader"));
     let (mut looks, mut other) = (0, None);
     let mut seen = |progress: Progress| {
         looks += u32::from(progress.stage == Stage::Subscribe);
