@@ -54,7 +54,7 @@ fn it_waits_where_that_is_asked_for() {
         for way in ["plain", "serialized", "loaned"] {
             let mut scene = Scene::new(client);
             // By the clock nobody is waited for so long that more are certain to come.
-            for (flow, many) in [(Flow::ByTheClock, 1), (Flow::Controlled, 100)] {
+            for (flow, many) in [(Flow::ByTheClock, 1), (Flow::Controlled, 20)] {
                 scene.ledger.control_flow(flow);
                 scene.node.send(&format!("publish /far {many} {way}"));
                 scene.read(many);

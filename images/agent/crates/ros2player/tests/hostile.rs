@@ -9,7 +9,7 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use bagpipe_ros2player::{Player, PlayerError, PlayerOptions};
-use standin::{ALL, Graph, eventually, match_own, message, publish, with_each_player};
+use standin::{ALL, Graph, LONG, eventually, match_own, message, publish, with_each_player};
 
 const ROOM: u64 = 1 << 16;
 const RINGS: u64 = 65536;
@@ -31,8 +31,8 @@ fn opened(player: &Player) -> File {
     File::options().read(true).write(true).open(path).unwrap()
 }
 
-fn filled(graph: &Graph) -> (Player, File) {
-    let options = PlayerOptions { room: ROOM, deadline: Duration::from_secs(6), ..graph.options() };
+fn filled(graph: &Graph, deadline: Duration) -> (Player, File) {
+    let options = PlayerOptions { room: ROOM, deadline, ..graph.options() };
     let player = Player::start(&options).unwrap();
     let publisher = player.advertise("/in", "std_msgs/String", &ALL).unwrap();
     let subscription = player.subscribe("/in", "std_msgs/String", &ALL).unwrap();
@@ -46,7 +46,7 @@ fn filled(graph: &Graph) -> (Player, File) {
 #[test]
 fn a_message_of_nobodys_subscription_is_damage() {
     with_each_player(|graph| {
-        let (player, file) = filled(&graph);
+        let (player, file) = filled(&graph, LONG);
         file.write_all_at(&9_u16.to_le_bytes(), RINGS + ROOM + 4).unwrap();
         match player.receive(Duration::ZERO, &mut |_| panic!("whose is it?")) {
             Err(PlayerError::Damaged { offset, what }) => {
@@ -66,7 +66,7 @@ fn the_program_ends_with_a_sentence_where_what_it_is_to_publish_can_not_be() {
     for ((length, head), graph) in
         wrong.into_iter().flat_map(|one| Graph::of_each_player().map(|graph| (one, graph)))
     {
-        let (player, file) = filled(&graph);
+        let (player, file) = filled(&graph, LONG);
         let mut position = [0; 8];
         file.read_exact_at(&mut position, OUT).unwrap();
         let position = u64::from_le_bytes(position);
@@ -83,7 +83,7 @@ fn the_program_ends_with_a_sentence_where_what_it_is_to_publish_can_not_be() {
 #[test]
 fn its_length_is_sealed() {
     with_each_player(|graph| {
-        let (_player, file) = filled(&graph);
+        let (_player, file) = filled(&graph, LONG);
         assert!(file.set_len(0).is_err() && file.set_len(RINGS + 2 * ROOM + 1).is_err());
     });
 }
@@ -120,7 +120,7 @@ fn any_bytes_are_an_answer_or_an_error_and_nothing_waits_beyond_its_limit() {
     for (round, graph) in
         (0..12).flat_map(|round| Graph::of_each_player().map(|graph| (round, graph)))
     {
-        let (player, file) = filled(&graph);
+        let (player, file) = filled(&graph, Duration::from_secs(6));
         let (from, length) = match round % 4 {
             0 => (OUT, 256),
             1 => (IN, 128),

@@ -270,7 +270,7 @@ fn nor_is_a_node_at_fault_beside_one_that_comes_late_and_falls_silent() {
             scene.await_published("/in", 50);
         }
     };
-    let ask = Ask { mode: Mode::Lockstep, drain: Duration::from_secs(1), ..DEFAULT };
+    let ask = Ask { mode: Mode::Lockstep, drain: Duration::from_secs(5), ..DEFAULT };
     let replayed =
         scene.play_while(&recording_of(&strings(RELIABLE), 400, 60), &ask, &mut seen).unwrap();
     assert_eq!((line(&replayed.ledger), answered(&scene)), (whole(400), 400));
@@ -289,7 +289,7 @@ fn the_play_begins_though_publishers_of_the_stack_come_and_go() {
                 std::thread::sleep(Duration::from_millis(300));
             }
         });
-        let ask = Ask { mode: Mode::Max, drain: Duration::from_secs(1), ..DEFAULT };
+        let ask = Ask { mode: Mode::Max, drain: Duration::from_secs(3), ..DEFAULT };
         let replayed = scene.play(&recording_of(&strings(RELIABLE), 900, 60), &ask);
         over.store(true, SeqCst);
         replayed.map(|replayed| replayed.ledger)
@@ -304,7 +304,7 @@ fn who_asks_for_more_than_is_offered_is_not_waited_for() {
     let wants = "/in:std_msgs/msg/String:10:reliable:transient_local";
     let _odd = scene.start("standin_node", &["--name", "/odd", "--sub", wants]);
     scene.await_subscriptions(2);
-    let ask = Ask { mode: Mode::Max, drain: Duration::from_secs(1), ..DEFAULT };
+    let ask = Ask { mode: Mode::Max, drain: Duration::from_secs(5), ..DEFAULT };
     let played = recording_of(&strings(RELIABLE), 3000, 60);
     let ledger = scene.play(&played, &ask).map(|replayed| replayed.ledger).unwrap();
     assert_eq!(line(&ledger), whole(3000));
@@ -318,7 +318,7 @@ fn nor_is_a_subscription_that_asks_for_more_beside_one_of_its_node_that_does_not
     let wants = "/in:std_msgs/msg/String:10:reliable:transient_local";
     let _lane = start_lane(&scene, "10", &["--delay-us", "1000", "--sub", wants]);
     scene.await_subscriptions(2);
-    let ask = Ask { mode: Mode::Max, drain: Duration::from_secs(1), ..DEFAULT };
+    let ask = Ask { mode: Mode::Max, drain: Duration::from_secs(5), ..DEFAULT };
     let ledger = scene.play(&recording_of(&strings(RELIABLE), 300, 60), &ask).unwrap().ledger;
     assert_eq!(line(&ledger), whole(300));
 }
