@@ -60,13 +60,13 @@ impl StackEnd {
     pub fn judge(&mut self, command: &[String], nodes: Nodes, course: &[Moment], last_line: bool) {
         let command = command.first().map(|program| (self.pid, program.as_str()));
         let last_line = self.last_line.as_deref().filter(|_| last_line);
-        let Nodes { there, absent } = nodes;
+        let Nodes { there, before } = nodes;
         let facts = Facts {
             command,
             ends: &self.before,
             after: &self.after,
             nodes: there,
-            absent,
+            before,
             course,
             last_line,
         };

@@ -5,7 +5,7 @@ use std::time::Instant;
 use bagpipe_replay::Stage;
 use serde::{Deserialize, Serialize};
 
-use crate::stack::nodes::{Found, Known};
+use crate::stack::nodes::{Before, Found, Known, absent};
 use crate::stack::processes::Ended;
 use crate::stack::witness::ProcessEnd;
 
@@ -79,8 +79,7 @@ pub struct Facts<'a> {
     pub after: &'a [ProcessEnd],
     /// Those that were there when the play began.
     pub nodes: Vec<(Known, Found)>,
-    /// Those that had left by then.
-    pub absent: Vec<Known>,
+    pub before: Before,
     pub course: &'a [Moment],
     /// The last line of stderr.
     pub last_line: Option<&'a str>,
@@ -103,12 +102,13 @@ impl Facts<'_> {
             }
         }
         let command = self.command.map(|(pid, _)| pid);
-        for node in &self.absent {
+        let end_of = |node: &Known| self.ends.iter().find(|end| Some(end.pid) == node.pid);
+        for node in absent(&self.before, |node| end_of(node).map(|end| end.at)) {
             // Whose process is known already has its entry, or lived on.
             if node.pid.is_some_and(|pid| nodes_pids.contains(&pid) || command == Some(pid)) {
                 continue;
             }
-            let end = self.ends.iter().find(|end| Some(end.pid) == node.pid);
+            let end = end_of(node);
             let Some(cause) = of_absent(node, end) else { continue };
             nodes_pids.extend(node.pid);
             found.push((end.map(|end| end.at), self.entry(cause, Thing::Node, &node.name, end)));

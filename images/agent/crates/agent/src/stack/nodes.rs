@@ -1,6 +1,7 @@
 //! The nodes that are there when the play begins, and what has become of them at its end.
 
 use std::collections::BTreeSet;
+use std::time::{Duration, Instant};
 
 /// A node when the play began.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -13,7 +14,18 @@ pub struct Known {
     /// Whether the graph still had it when all input was out; of one that had ended before the play, when that began:
     /// it took no leave.
     pub stayed: bool,
+    /// When its process began, where that is known and several may have one name.
+    pub began: Option<Instant>,
 }
+
+impl Known {
+    fn is_of_process(&self, other: &Known) -> bool {
+        (self.pid, &self.uri) == (other.pid, &other.uri)
+    }
+}
+
+/// By how much earlier a process may seem to have begun: the kernel counts that in hundredths of a second.
+const ROUNDED: Duration = Duration::from_millis(50);
 
 /// What has become of a node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -33,21 +45,46 @@ pub enum Found {
 pub struct Nodes {
     /// Those that were there when the play began, and what has become of each.
     pub there: Vec<(Known, Found)>,
-    /// Those that had left by then.
-    pub absent: Vec<Known>,
+    pub before: Before,
 }
 
-/// Those of the nodes that were `met`, in their order, that had left when the play began: not those of a process of which a
-/// node was there again by then, and of several processes of one name the last.
-pub fn absent(met: &[Known], roll: &[Known]) -> Vec<Known> {
-    let is_there = |node: &Known| roll.iter().any(|known| known.name == node.name);
-    let same_process =
-        |node: &Known, other: &Known| (node.pid, &node.uri) == (other.pid, &other.uri);
-    let is_back =
-        |node: &Known| met.iter().any(|other| same_process(node, other) && is_there(other));
-    let last = |(at, node): &(usize, &Known)| met[at + 1..].iter().all(|one| one.name != node.name);
-    let gone = met.iter().enumerate().filter(last).map(|(_, node)| node);
-    gone.filter(|node| !is_back(node)).cloned().collect()
+/// Those of before the play.
+#[derive(Debug, Default)]
+pub struct Before {
+    /// All that had come by its begin, with processes that are known, in their order.
+    pub met: Vec<Known>,
+    /// Who was there then.
+    pub roll: Vec<Known>,
+}
+
+/// Those that the play began without: a node is there again where another process has its name that began when its own
+/// had `ended`, and all of a process's nodes are where one of them is there again, and that process has as many. Where it
+/// is not known when a process began, the later one is the other's successor.
+pub fn absent(
+    Before { met, roll }: &Before,
+    ended: impl Fn(&Known) -> Option<Instant>,
+) -> Vec<&Known> {
+    let succeeds = |one: &Known, node: &Known| {
+        let is_after = one.began.zip(ended(node)).is_none_or(|(began, end)| began + ROUNDED >= end);
+        one.name == node.name && !one.is_of_process(node) && is_after
+    };
+    let is_there =
+        |node: &Known| roll.iter().any(|one| one.name == node.name && one.is_of_process(node));
+    let of_process = |all: &[Known], node: &Known| {
+        let own = all.iter().filter(|one| one.is_of_process(node));
+        own.map(|one| one.name.as_str()).collect::<BTreeSet<&str>>().len()
+    };
+    let has_successor =
+        |at: usize, node: &Known| roll.iter().chain(&met[at + 1..]).any(|one| succeeds(one, node));
+    let is_back = |node: &Known| {
+        let mut own = met.iter().filter(|one| one.is_of_process(node));
+        own.any(|own| {
+            let mut successors = roll.iter().filter(|one| succeeds(one, own));
+            successors.any(|one| of_process(roll, one) >= of_process(met, node))
+        })
+    };
+    let gone = met.iter().enumerate().filter(|(at, node)| !has_successor(*at, node));
+    gone.map(|(_, node)| node).filter(|node| !is_there(node) && !is_back(node)).collect()
 }
 
 /// The processes of nodes that have left the graph, without those that other nodes still live in.
@@ -78,6 +115,7 @@ mod tests {
             uri: String::new(),
             pid: Some(pid),
             stayed: true,
+            began: None,
         };
         let roll = [node(4), node(5), node(5), node(6), node(7), Known { pid: None, ..node(8) }];
         let found = [
@@ -100,21 +138,68 @@ mod tests {
         assert_eq!(later(first, again), [Found::Same, Found::Unregistered, Found::Unregistered]);
     }
 
-    #[test]
-    fn who_had_left_is_not_absent_once_it_is_back_or_another_process_of_it_is_done() {
-        let known = |name: &str, pid: i32| Known {
+    fn known(name: &str, pid: i32) -> Known {
+        Known {
             name: name.to_owned(),
             uri: String::new(),
             pid: Some(pid),
             stayed: false,
-        };
+            began: None,
+        }
+    }
+
+    /// Of which of these nodes the play began without.
+    fn names(met: &[Known], roll: &[Known]) -> Vec<(String, Option<i32>)> {
+        let before = Before { met: met.to_vec(), roll: roll.to_vec() };
+        let all = absent(&before, |_| None);
+        all.into_iter().map(|node| (node.name.clone(), node.pid)).collect()
+    }
+
+    fn named(name: &str, pid: i32) -> (String, Option<i32>) {
+        (name.to_owned(), Some(pid))
+    }
+
+    #[test]
+    fn who_had_left_is_not_absent_once_it_is_back_or_another_process_of_it_is_done() {
         let (first, second) = (known("/spawner", 4), known("/spawner", 5));
-        assert_eq!(absent(&[first.clone(), second.clone()], &[]), [second]);
-        let listener = known("/listener_55aa", 4);
-        let there = [Known { pid: Some(6), ..first.clone() }];
-        assert_eq!(absent(&[first.clone(), listener.clone()], &there), []);
-        assert_eq!(absent(&[first, known("/other", 7)], &there), [known("/other", 7)]);
-        let alone = [listener];
-        assert_eq!(absent(&alone, &there), alone);
+        assert_eq!(names(&[first.clone(), second], &[]), [named("/spawner", 5)]);
+        let there = [known("/spawner", 6)];
+        assert_eq!(names(&[first.clone(), known("/other", 7)], &there), [named("/other", 7)]);
+        // Those that are there were met as well, with other addresses.
+        let address = Known { uri: "http://127.0.0.1:1/".to_owned(), ..known("/spawner", 4) };
+        assert_eq!(names(&[first], &[address]), []);
+    }
+
+    #[test]
+    fn a_process_is_back_that_has_as_many_nodes_of_which_one_has_a_name_of_before() {
+        let met = [known("/spawner", 4), known("/listener_55aa", 4)];
+        let there = [known("/spawner", 6), known("/listener_77bb", 6)];
+        assert_eq!(names(&met, &there), []);
+        // A container that comes back without its node.
+        assert_eq!(names(&met, &there[..1]), [named("/listener_55aa", 4)]);
+        assert_eq!(names(&met[1..], &there), [named("/listener_55aa", 4)]);
+    }
+
+    #[test]
+    fn of_two_processes_of_one_name_at_once_neither_succeeds_the_other() {
+        let (zero, seconds) = (Instant::now(), Duration::from_secs);
+        let at = |pid: i32, began: u64| Known {
+            began: Some(zero + seconds(began)),
+            ..known("/spawner", pid)
+        };
+        let met = [at(4, 1), at(5, 2), at(6, 31)];
+        let ended = |pid: Option<i32>| match pid {
+            Some(4) => Some(zero + seconds(30)),
+            Some(5) => Some(zero + seconds(3)),
+            _ => None,
+        };
+        let pids = |met: &[Known], roll: &[Known]| -> Vec<Option<i32>> {
+            let before = Before { met: met.to_vec(), roll: roll.to_vec() };
+            absent(&before, |one| ended(one.pid)).into_iter().map(|one| one.pid).collect()
+        };
+        assert_eq!(pids(&met[..2], &[]), [Some(4), Some(5)]);
+        assert_eq!(pids(&met[..2], &met[1..2]), [Some(4)], "the younger one is there");
+        assert_eq!(pids(&met, &[]), [Some(6)]);
+        assert_eq!(pids(&met, &met[2..]), []);
     }
 }

@@ -78,7 +78,7 @@ fn run_on(
         spared: Spared::default(),
         course: RefCell::default(),
         roll: RefCell::default(),
-        absent: RefCell::default(),
+        before: RefCell::default(),
         unseen: RefCell::default(),
         glanced: Cell::new(None),
     };

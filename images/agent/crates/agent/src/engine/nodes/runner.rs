@@ -23,7 +23,7 @@ use crate::engine::nodes::outcome::{Outcome, Timings};
 use crate::engine::nodes::simulator::{PipeWorld, topics, unrecorded};
 use crate::stack::end::StackEnd;
 use crate::stack::evidence::Moment;
-use crate::stack::nodes::{Found, Known, Nodes, absent, later, left};
+use crate::stack::nodes::{Before, Found, Known, Nodes, later, left};
 use crate::stack::processes::{Children, Spared, descendants, is_alive, pause};
 use crate::stack::{HURRY, Program, Surroundings};
 
@@ -51,8 +51,7 @@ pub struct Runner<'a> {
     pub course: RefCell<Vec<Moment>>,
     /// The nodes when the play began.
     pub roll: RefCell<Vec<Known>>,
-    /// Nodes that had left when it began.
-    pub absent: RefCell<Vec<Known>>,
+    pub before: RefCell<Before>,
     /// Why it is not known which nodes were there, if that is so.
     pub unseen: RefCell<Option<Failure>>,
     pub glanced: Cell<Option<Instant>>,
@@ -78,7 +77,7 @@ impl Runner<'_> {
         let begun = Instant::now();
         let nodes = match played {
             Err(Failure::Silent(_)) => Nodes::default(),
-            _ => Nodes { there: self.look_at_nodes(), absent: self.absent_nodes() },
+            _ => Nodes { there: self.look_at_nodes(), before: self.before_the_play() },
         };
         let mut stack = self.end_everything(program);
         if let Ok((Some(stack), _)) = &mut stack {
@@ -252,7 +251,7 @@ impl Runner<'_> {
         {
             match self.host.roll() {
                 Ok(roll) => {
-                    *self.absent.borrow_mut() = absent(&self.host.met(), &roll);
+                    *self.before.borrow_mut() = Before { met: self.host.met(), roll: roll.clone() };
                     *self.roll.borrow_mut() = roll;
                 }
                 Err(failure) => self.note_unseen(failure),
@@ -282,15 +281,15 @@ impl Runner<'_> {
         }
     }
 
-    /// The nodes that had left when the play began, or by now where it never did: whatever ended of a stack that was waited
-    /// for in vain may be why.
-    fn absent_nodes(&self) -> Vec<Known> {
+    /// The nodes of before the play, or of before this moment where it never began: whatever ended of a stack that was
+    /// waited for in vain may be why.
+    fn before_the_play(&self) -> Before {
         if self.course.borrow().iter().any(|one| one.stage != Stage::Subscribe) {
-            return self.absent.take();
+            return self.before.take();
         }
         // Who can't be asked has its own failure.
         let roll = self.host.roll().unwrap_or_default();
-        absent(&self.host.met(), &roll)
+        Before { met: self.host.met(), roll }
     }
 
     fn look_until(&self, roll: &[Known], deadline: Instant) -> Result<Vec<Found>, Failure> {

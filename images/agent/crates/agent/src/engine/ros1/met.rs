@@ -48,8 +48,13 @@ impl Met {
         let Some(pid) = holder(socket) else { return };
         let watcher = self.noted().watcher.clone();
         watcher.iter().for_each(|watcher| watcher.watch(pid));
-        let node =
-            Known { name: name.to_owned(), uri: String::new(), pid: Some(pid), stayed: false };
+        let node = Known {
+            name: name.to_owned(),
+            uri: String::new(),
+            pid: Some(pid),
+            stayed: false,
+            began: None,
+        };
         self.noted().nodes.push(node);
     }
 
@@ -151,6 +156,7 @@ sys.exit(3)";
             uri: String::new(),
             pid: None,
             stayed: false,
+            began: None,
         };
         let before = [unnamed("/a"), unnamed("/c"), Known { pid: Some(7), ..unnamed("/b") }];
         let mut roll = before.to_vec();

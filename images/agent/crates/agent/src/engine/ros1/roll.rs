@@ -42,7 +42,7 @@ pub fn roll(master_uri: &str) -> Result<Vec<Known>, RosError> {
     let known = of_each(&listed, |(name, address)| {
         let Address::At(uri) = address else { return None };
         let pid = process_of(uri);
-        Some(Known { name: name.clone(), uri: uri.clone(), pid, stayed: false })
+        Some(Known { name: name.clone(), uri: uri.clone(), pid, stayed: false, began: None })
     });
     Ok(known.into_iter().flatten().flatten().collect())
 }
@@ -305,6 +305,7 @@ mod tests {
             uri: String::new(),
             pid: None,
             stayed: false,
+            began: None,
         };
         let mut known: Vec<Known> = (0..3).map(of).collect();
         assert!(matches!(look(&uri, &known), Err(RosError::Unreachable { .. })));
@@ -367,7 +368,7 @@ mod tests {
         node.register_publisher("/t", "std_msgs/String", &uri).unwrap();
         let mut process = std::process::Command::new("sleep").arg("60").spawn().unwrap();
         let pid = i32::try_from(process.id()).ok();
-        let known = [Known { name: "/node".to_owned(), uri, pid, stayed: true }];
+        let known = [Known { name: "/node".to_owned(), uri, pid, stayed: true, began: None }];
         assert_eq!(look(served.uri(), &known).unwrap(), [Found::Same]);
         // More than its queue has room for.
         let kept: Vec<_> = (0..200)

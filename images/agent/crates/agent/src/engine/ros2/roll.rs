@@ -1,9 +1,11 @@
 //! The nodes that count when the play begins, and what has become of them at its end.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::time::{Duration, Instant};
 
 use bagpipe_ros2::is_of_command_line;
 use bagpipe_ros2ledger::{Endpoint, Ledger, ProcessId};
+use rustix::time::{ClockId, clock_gettime};
 
 use crate::stack::nodes::{Found, Known};
 
@@ -17,7 +19,7 @@ pub fn roll(ledger: &Ledger) -> Vec<Known> {
 
 fn known(name: String, process: ProcessId) -> Known {
     let pid = i32::try_from(process.pid).ok();
-    Known { name, uri: mark(process), pid, stayed: false }
+    Known { name, uri: mark(process), pid, stayed: false, began: began(process) }
 }
 
 /// Each node that has had an endpoint by now, in each of its processes, the oldest first.
@@ -111,6 +113,16 @@ fn endpoints(ledger: &Ledger) -> Vec<Endpoint> {
     ledger.endpoints().unwrap_or_default()
 }
 
+/// When a process began, by the clock that counts also while the machine sleeps (proc(5), starttime).
+fn began(process: ProcessId) -> Option<Instant> {
+    let since_start = clock_gettime(ClockId::Boottime);
+    let now =
+        Duration::new(since_start.tv_sec.try_into().ok()?, since_start.tv_nsec.try_into().ok()?);
+    let ticks = rustix::param::clock_ticks_per_second();
+    let began = Duration::from_millis(process.start * 1000 / ticks);
+    Instant::now().checked_sub(now.saturating_sub(began))
+}
+
 /// One process, also where another has its number later.
 fn mark(process: ProcessId) -> String {
     format!("{}/{}", process.pid, process.start)
@@ -121,7 +133,8 @@ mod tests {
     use super::*;
 
     fn node(pid: i32) -> Known {
-        Known { name: "/n".to_owned(), uri: format!("{pid}/5"), pid: Some(pid), stayed: false }
+        let (name, uri) = ("/n".to_owned(), format!("{pid}/5"));
+        Known { name, uri, pid: Some(pid), stayed: false, began: None }
     }
 
     /// What has become of nodes of one name in these processes, where it is in those now.

@@ -29,6 +29,7 @@ fn node(pid: i32) -> Known {
         uri: "http://127.0.0.1:1/".to_owned(),
         pid: Some(pid),
         stayed: false,
+        began: None,
     }
 }
 
@@ -232,8 +233,9 @@ fn the_sentence_has_the_second_of_bag_time_and_the_last_line() {
 /// The sentences on ends, where a node of process 7 had left when the play began.
 fn judged_without(ends: &[ProcessEnd], nodes: Vec<(Known, Found)>, begun: Instant) -> Vec<String> {
     let course = course(begun);
-    let (command, absent) = (Some((1, "roslaunch")), vec![node(7)]);
-    let facts = Facts { command, ends, nodes, absent, course: &course, ..Facts::default() };
+    let command = Some((1, "roslaunch"));
+    let before = Before { met: vec![node(7)], ..Before::default() };
+    let facts = Facts { command, ends, nodes, before, course: &course, ..Facts::default() };
     let all = facts.evidence().into_iter();
     all.map(|end| format!("{}: {}", end.cause.name(), end.message)).collect()
 }
@@ -283,8 +285,9 @@ fn a_node_that_ended_before_the_play_and_took_no_leave_is_gone_unless_it_is_know
     let before = begun + Duration::from_millis(500);
     let course = course(begun);
     let with = |ends: &[ProcessEnd]| {
-        let absent = vec![Known { stayed: true, ..node(7) }];
-        let facts = Facts { ends, absent, course: &course, ..Facts::default() };
+        let met = vec![Known { stayed: true, ..node(7) }];
+        let before = Before { met, ..Before::default() };
+        let facts = Facts { ends, before, course: &course, ..Facts::default() };
         facts.evidence().into_iter().map(|end| end.cause).collect::<Vec<_>>()
     };
     assert_eq!(with(&[end(7, before, None, None)]), [Cause::NodeGone]);
