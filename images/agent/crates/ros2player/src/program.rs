@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 use std::io::{BufRead, BufReader, ErrorKind, Read};
-use std::os::fd::OwnedFd;
+use std::os::fd::{AsFd, OwnedFd};
 use std::process::{Child, ChildStderr, Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -21,6 +21,8 @@ const LAST: usize = 3;
 /// How long its end and its last lines are waited for once its socket is closed, which takes a while
 /// on a busy machine: others may have its standard error.
 const LAST_LINES: Duration = Duration::from_secs(2);
+/// And what it has written already, by who reads it on a machine that gives that no processor.
+const UNREAD: Duration = Duration::from_secs(30);
 /// A program that runs on has written all when nothing more comes for so long.
 const QUIET: Duration = Duration::from_millis(50);
 /// How long it may take to end by itself after SIGTERM, and then after SIGKILL.
@@ -30,6 +32,8 @@ const KILLED: Duration = Duration::from_secs(5);
 pub(crate) struct Program {
     shared: Arc<Shared>,
     pid: u32,
+    /// The same pipe as who reads its standard error has: how much is in it.
+    errors: Option<OwnedFd>,
 }
 
 struct Shared {
@@ -69,7 +73,9 @@ impl Program {
             state: Mutex::default(),
             changed: Condvar::new(),
         });
-        let program = Program { shared: Arc::clone(&shared), pid };
+        let pipe = errors.as_ref().map(|errors| errors.as_fd().try_clone_to_owned());
+        let pipe = pipe.transpose().map_err(failed)?;
+        let program = Program { shared: Arc::clone(&shared), pid, errors: pipe };
         let watched = Arc::clone(&shared);
         thread("ros2player end", move || watched.watch(pid)).map_err(failed)?;
         thread("ros2player errors", move || shared.read(errors)).map_err(failed)?;
@@ -96,6 +102,10 @@ impl Program {
 
     /// The last lines of its standard error, while it runs: waits a moment for those on their way.
     pub(crate) fn last_lines(&self) -> Vec<String> {
+        let unread = Instant::now() + UNREAD;
+        while self.has_unread() && Instant::now() < unread {
+            drop(self.shared.wait(Instant::now() + QUIET, |state| state.closed));
+        }
         let until = Instant::now() + LAST_LINES;
         let mut state = self.shared.wait(until, |state| state.closed || state.read > 0);
         loop {
@@ -108,6 +118,12 @@ impl Program {
                 return state.lines.range(before..).cloned().collect();
             }
         }
+    }
+
+    /// Whether it has written what nobody has read yet.
+    fn has_unread(&self) -> bool {
+        let waiting = self.errors.as_ref().map(rustix::io::ioctl_fionread);
+        waiting.is_some_and(|waiting| waiting.is_ok_and(|bytes| bytes > 0))
     }
 
     fn signal(&self, signal: Signal) {
