@@ -1,4 +1,7 @@
-"""Two real operators and a real Lease: one leads, the other goes on, nothing is made twice."""
+"""Two real operators and a real Lease: one leads, the other goes on, nothing is made twice.
+
+How soon the other leads is for clocks that only a test moves: tests/unit/operator/test_election.py.
+"""
 
 import time
 
@@ -19,13 +22,10 @@ from tests.integration.control_plane.observe import (
     moment,
     statuses,
 )
-from tests.integration.control_plane.operators.stalls import Stalls
 from tests.integration.control_plane.release import Installation
 from tests.unit.operator.builders import account
 from tests.waiting import PATIENCE, wait_until
 
-# The promise; the Lease has run out after 9 s, and a look at it comes every 1.8 s.
-TAKEOVER_SECONDS = 15.0
 # So many drivers at most has the leader that is killed.
 MOST_BEFORE = 30
 NAMES = [f"j{number:03}" for number in range(60)]
@@ -58,20 +58,17 @@ def test_the_leader_is_killed_in_the_middle_of_its_work(
     )
     lease = installation.lease
     renewed = moment(admin.get(lease)["spec"]["renewTime"])
-    with Stalls() as stalls:
-        leader.kill()
-        killed = time.monotonic()
-        before = children(admin, namespace)["pods"]
-        assert 10 <= len(before) <= MOST_BEFORE
-        uids = {p["metadata"]["uid"] for p in admin.items(core(namespace, "pods"))}
-        await_lead(standby)
-        took = time.monotonic() - killed
+    leader.kill()
+    killed = time.monotonic()
+    before = children(admin, namespace)["pods"]
+    assert 10 <= len(before) <= MOST_BEFORE
+    uids = {p["metadata"]["uid"] for p in admin.items(core(namespace, "pods"))}
+    await_lead(standby)
+    took = time.monotonic() - killed
     admin.delete(quota)
     waited = (moment(admin.get(lease)["spec"]["acquireTime"]) - renewed).total_seconds()
     assert waited > Settings.lease_seconds - 0.5, "it did not wait for the Lease's end"
     print(f"took over {took:.1f} s after the kill; had {len(before)} of {len(NAMES)} drivers")
-    if "no answer in time" not in standby.logged():
-        assert took - stalls.seconds < TAKEOVER_SECONDS
 
     wanted = {(name, 1) for name in NAMES}
     wait_until(
@@ -95,8 +92,9 @@ def test_a_leader_that_stood_still_finds_another_and_writes_nothing(
     terms = {"BAGPIPE_WATCH_NAMESPACES": namespace}
     first = operator_process(**terms)
     await_lead(first)
-    second = operator_process(**terms)
     first.pause()
+    # Begun only now, and with a long Lease: neither takes the other's where both are slow.
+    second = operator_process(BAGPIPE_LEASE_SECONDS="30", **terms)
     await_lead(second)
     create_jobs(admin, namespace, ["a", "b"])
     await_phase(admin, namespace, "Pending", 2)
@@ -123,16 +121,17 @@ def test_a_replica_that_leads_a_second_time_starts_from_nothing(
     """The image that the first saw missing was there while the second led, and is missing again."""
     # Longer than a busy machine needs for what comes between two looks at the pod.
     stuck = 20.0
-    terms = {"BAGPIPE_WATCH_NAMESPACES": namespace, "BAGPIPE_STUCK_SECONDS": str(stuck)}
-    first = operator_process(**terms)
+    terms = {"BAGPIPE_WATCH_NAMESPACES": namespace}
+    first = operator_process(BAGPIPE_STUCK_SECONDS=str(stuck), **terms)
     await_lead(first)
-    second = operator_process(**terms)
     create_jobs(admin, namespace, ["a"])
     await_phase(admin, namespace, "Pending", 1)
     kubelet.wait(namespace, "a-1-driver", "ErrImagePull", "no such image")
     await_reason(admin, namespace, "a", "DriverImageUnavailable")
 
     first.pause()
+    # Begun only now: it takes the Lease of nobody who is only slow, and ends no job as stuck.
+    second = operator_process(**terms)
     await_lead(second)
     kubelet.wait(namespace, "a-1-driver", "ContainerCreating")
     await_reason(admin, namespace, "a", "DriverPending")
@@ -194,13 +193,12 @@ def test_a_leader_that_is_asked_to_end_gives_the_lease_back(
     assert standby.ask("/readyz") == (200, "ok\n")
     create_jobs(admin, namespace, ["a"])
     await_phase(admin, namespace, "Pending", 1)
-    with Stalls() as stalls:
-        assert leader.terminate() == 0
-        began = time.monotonic()
-        await_lead(standby)  # its next look is 6 s away, the Lease's end at least 24 s
-        took = time.monotonic() - began
+    leading = admin.get(installation.lease)["spec"]["holderIdentity"]
+    assert leader.terminate() == 0
+    # Nobody's, or the other's already: it would have been the leader's for 24 s more at least.
+    assert admin.get(installation.lease)["spec"]["holderIdentity"] != leading
     assert "gave the Lease" in leader.logged()
-    assert took - stalls.seconds < 20
+    await_lead(standby)
     spec = admin.get(installation.lease)["spec"]
     assert spec["leaseTransitions"] == 1
     # The same for a lone one that is replaced: its successor need not wait for the Lease's end.
