@@ -164,6 +164,7 @@ def mount_failed(namespace: str, uid: str, text: str) -> Object:
     }
 
 
+@pytest.mark.usefixtures("bound_claims")
 def test_a_driver_that_is_evicted(
     admin: Client, namespace: str, kubelet: FakeKubelet, operator_process: StartOperator
 ) -> None:
