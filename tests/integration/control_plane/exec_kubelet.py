@@ -17,6 +17,7 @@ from typing import Any
 from uuid import uuid4
 
 from aiohttp import WSMsgType, web
+from embedded.api import ApiError
 
 from bagpipe.cli.pulling.pod import CONTAINER, MOUNT
 from tests.integration.control_plane.client import STRATEGIC_PATCH, Client, Object, core
@@ -57,13 +58,16 @@ class ExecKubelet:
                 continue
             if "deletionTimestamp" in meta:
                 pods.remove(self.namespace, name)
-            elif "nodeName" not in pod["spec"]:
-                self.specs.append(pod)
+                continue
+            if "nodeName" not in pod["spec"]:
                 self._bind(name)
-                if self.waits:
-                    pods.wait(self.namespace, name, *self.waits, container=CONTAINER)
-                else:
-                    pods.run(self.namespace, name, CONTAINER)
+                self.specs.append(pod)
+            if "containerStatuses" in pod["status"]:
+                continue
+            if self.waits:
+                pods.wait(self.namespace, name, *self.waits, container=CONTAINER)
+            else:
+                pods.run(self.namespace, name, CONTAINER)
 
     def _bind(self, pod: str) -> None:
         target = {"apiVersion": "v1", "kind": "Node", "name": self.node}
@@ -74,7 +78,9 @@ class ExecKubelet:
     def look_on(self) -> None:
         """Looks until it is to end."""
         while not self._over.wait(_LOOK_SECONDS):
-            self.look()
+            # A pod may be deleted between its list and its binding; the next look finds the others.
+            with suppress(ApiError):
+                self.look()
 
     def end(self) -> None:
         """Looks no more."""
