@@ -225,7 +225,7 @@ def test_a_summary_has_the_longest_step_first(tmp_path: Path) -> None:
     environment = environ(tmp_path) | {"BAGPIPE_STEPS": str(record)}
     for what, command in (("Looking", "true"), ("Failing", "false")):
         words = [sys.executable, str(SCRIPT), what, "--", command]
-        subprocess.run(words, env=environment, check=False, timeout=30)
+        subprocess.run(words, env=environment, check=False, timeout=120)
     kept = record.read_text().splitlines()
     assert ['"what": "Looking"' in kept[0], '"what": "Failing"' in kept[1]] == [True, True]
     names = ("what", "ended", "seconds", "processor")
@@ -265,7 +265,7 @@ def test_a_step_may_keep_its_output_until_its_end(tmp_path: Path) -> None:
     words = [sys.executable, str(SCRIPT), "Showing", "--output-at-its-end", "--"]
     done = subprocess.run(
         [*words, sys.executable, "-c", script + "; sys.exit(3)"],
-        env=environ(tmp_path), capture_output=True, text=True, check=False, timeout=30,
+        env=environ(tmp_path), capture_output=True, text=True, check=False, timeout=120,
     )  # fmt: skip
     assert done.returncode == 3
     file = tmp_path / "steps/Showing.log"
@@ -280,7 +280,7 @@ def test_a_step_has_the_processors_that_its_processes_used(tmp_path: Path) -> No
     environment = environ(tmp_path) | {"BAGPIPE_STEPS": str(record)}
     busy = "import time\nwhile time.process_time() < 0.3: pass"
     words = [sys.executable, str(SCRIPT), "Computing", "--", sys.executable, "-c", busy]
-    subprocess.run(words, env=environment, check=True, timeout=30)
+    subprocess.run(words, env=environment, check=True, timeout=120)
     assert json.loads(record.read_text())["processor"] >= 0.3
 
 

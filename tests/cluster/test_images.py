@@ -88,7 +88,7 @@ class Sequencer:
     """An engine whose builds wait for each other: it ends only if they run at once."""
 
     def __init__(self, together: int) -> None:
-        self.barrier = threading.Barrier(together, timeout=20)
+        self.barrier = threading.Barrier(together, timeout=90)
         self.built: list[str] = []
 
     def base(self) -> str:

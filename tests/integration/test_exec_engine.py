@@ -28,6 +28,8 @@ pytestmark = pytest.mark.integration
 
 EXAMPLE = ROOT / "docs/examples/exec-highway"
 PIP_SECONDS = 400
+# Of the case that hangs: in it a slow machine has to start all that hangs.
+TIMEOUT_SECONDS = 60
 # Steps until its end, outcome, and the cars' least distance in metres, of each scenario.
 EXPECTED = {
     "front-right-slower-left": (150, "passed", 4.001),
@@ -170,7 +172,7 @@ def test_a_program_that_hangs_is_ended_with_all_it_started_and_the_next_runs_wel
     fields = {
         "source": {"files": ["pvc://recordings/*.bin"]},
         "stack": {"engine": "exec", "image": "any", "command": command},
-        "playback": {"caseTimeout": "20s"},
+        "playback": {"caseTimeout": f"{TIMEOUT_SECONDS}s"},
         "output": {"uri": "pvc://results/r"},
     }
     spec = SimulationJobSpec.model_validate(fields)
@@ -180,17 +182,17 @@ def test_a_program_that_hangs_is_ended_with_all_it_started_and_the_next_runs_wel
     rows: list[Row] = []
     runner = threading.Thread(target=lambda: rows.append(run_case(hangs, context)))
     runner.start()
-    pause, deadline = threading.Event(), time.monotonic() + 20
+    pause, deadline = threading.Event(), time.monotonic() + PATIENCE
     while sum(map(hanging.is_sleeper, command_lines(agent))) < hanging.SLEEPERS:
         assert time.monotonic() < deadline, command_lines(agent)
         pause.wait(0.05)
-    runner.join(120)
+    runner.join(TIMEOUT_SECONDS + 2 * PATIENCE)
     (row,) = rows
     assert (row["outcome"], row["reason"], row["attempts"]) == (
         "errored", "CaseDeadlineExceeded", 1,
     )  # fmt: skip
     assert row["recorded"] is None
-    assert 20 <= row["seconds"] < 20 + PATIENCE
+    assert row["seconds"] >= TIMEOUT_SECONDS
     assert command_lines(agent) == []
     (tmp_path / "go-on").touch()
     row = run_case(well, context)

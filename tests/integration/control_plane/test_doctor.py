@@ -33,7 +33,7 @@ def manifest(tmp_path: Path) -> Path:
 def asked(kubeconfig: Path, *words: str) -> tuple[int, dict[str, Object]]:
     """The exit status, and the findings about what is not this machine's."""
     done = CliRunner(env={"KUBECONFIG": str(kubeconfig)}).invoke(
-        main, ["doctor", *words, "--output", "json", "--timeout", "20s"]
+        main, ["doctor", *words, "--output", "json", "--timeout", "90s"]
     )
     assert done.exception is None or isinstance(done.exception, SystemExit), done.exception
     found = [each for each in json.loads(done.stdout) if each["part"] != "machine"]

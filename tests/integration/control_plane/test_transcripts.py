@@ -41,6 +41,7 @@ from tests.transcripts import (
     verbs,
 )
 from tests.unit.cli.cluster_objects import condition
+from tests.waiting import patient
 
 pytestmark = pytest.mark.integration
 
@@ -79,7 +80,7 @@ def job(name: str, wheel: str) -> dict[str, Any]:
     """The example in two cases, judged by where a wheel is."""
     made = yaml.safe_load(EXAMPLE.read_text().replace(WHEEL, wheel))
     made["metadata"]["name"] = name
-    spec = made["spec"]
+    spec = patient(made["spec"])
     spec["source"]["fragment"] = {"length": "8s", "warmUp": "1s"}
     field = "transforms[0].transform.translation.z"
     bounds = {"topic": "/tf", "field": field, "min": -1, "max": 1}

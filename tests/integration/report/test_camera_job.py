@@ -19,6 +19,7 @@ from bagpipe.pictures import MOST_BYTES
 from tests import ros2_recording, ros2_standin
 from tests.integration.conftest import ROOT
 from tests.integration.laptop import Laptop
+from tests.waiting import patient
 
 pytestmark = pytest.mark.integration
 
@@ -96,7 +97,7 @@ def test_the_report_shows_what_the_camera_saw_when_it_failed(
     subprocess.run(
         [sys.executable, str(CAMERA_BAG), str(bag), *map(str, photographs)], check=True, timeout=100
     )
-    row, page = failed(laptop, spec())
+    row, page = failed(laptop, patient(spec()))
     images = {each["of"]: each for each in row["images"]}
     assert images["output"]["topic"] == SEEN
     assert images["input"]["topic"] == TOPIC
@@ -138,11 +139,11 @@ def test_and_what_a_camera_of_ros_2_saw(
         "--pub", "/pose:geometry_msgs/msg/PoseStamped:10:reliable",
         "--relay-stamp", f"{TOPIC}=/pose",
     ]  # fmt: skip
-    job = spec()
+    job = patient(spec())
     job["source"]["bags"] = ["pvc://recordings/street.mcap"]
     command = [str(standin / "standin_node"), "--name", "/relay", *topics]
     job["stack"] |= {"engine": "ros2", "command": command}
-    job["playback"]["steps"] = [{"trigger": TOPIC, "answer": "/pose"}]
+    job["playback"]["steps"][0]["answer"] = "/pose"
     job["record"]["topics"] = ["/pose"]
     job["evaluate"][0]["bounds"]["topic"] = "/pose"
     row, page = failed(laptop, job)

@@ -14,8 +14,9 @@ from tests.integration.storage.faulty_proxy import FaultyProxy, faulty_proxy
 from tests.integration.storage.hdfs_server import Hdfs, hdfs
 from tests.integration.storage.servers import ACCESS_KEY, BUCKET, SECRET_KEY, S3Server, s3_server
 
-# Short pauses, since the servers are on this machine; as many tries as jobs have, and more.
-QUICK = Patience(request_seconds=20, tries=12, first_pause_seconds=0.05, longest_pause_seconds=1)
+# Short pauses, since the servers are on this machine; as many tries as jobs have, and more. None
+# of them is to be given up only because the machine is slow.
+QUICK = Patience(request_seconds=90, tries=12, first_pause_seconds=0.05, longest_pause_seconds=1)
 
 
 @dataclass(frozen=True)

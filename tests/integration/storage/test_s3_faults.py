@@ -59,7 +59,7 @@ def test_a_busy_server_is_asked_again(bag: str, storage: Storage, proxy: FaultyP
 def test_a_server_that_stays_busy_is_an_error_with_all_details(
     bag: str, proxy: FaultyProxy
 ) -> None:
-    file = Storage({}, Patience(20, 12, 0.01, 0.05)).open(bag)
+    file = Storage({}, Patience(PATIENCE, 12, 0.01, 0.05)).open(bag)
     proxy.faults["GET"] = [Fault(status=503)] * 100
     with pytest.raises(StorageError) as error:
         file.read(777, 10)
@@ -89,7 +89,7 @@ def test_a_refused_credential_is_not_tried_again_and_not_disclosed(
 ) -> None:
     wrong = "not-the-secret-of-this-server"
     credentials.setenv("AWS_SECRET_ACCESS_KEY", wrong)
-    storage = Storage({}, Patience(20.0, 4, 0.05, 0.1))
+    storage = Storage({}, Patience(PATIENCE, 4, 0.05, 0.1))
     caplog.set_level("DEBUG")
     for ask in (
         lambda: storage.read(bag, 0, 1),
@@ -141,7 +141,7 @@ def test_parts_of_an_upload_are_sent_again(
 def test_an_upload_that_fails_raises_and_leaves_nothing(
     proxy: FaultyProxy, s3: S3Server, s3_folder: str
 ) -> None:
-    storage = Storage({}, Patience(20.0, 2, 0.05, 0.1))
+    storage = Storage({}, Patience(PATIENCE, 2, 0.05, 0.1))
     proxy.faults["PUT"] = [Fault(status=503)] * 50
     with (
         pytest.raises(StorageError, match=r"x\.bag can't be written: the server answered 503"),
@@ -196,7 +196,7 @@ def test_a_server_that_stays_away_is_an_error_in_bounded_time(
 ) -> None:
     credentials.setenv("AWS_ENDPOINT_URL", own_s3.url)
     own_s3.kill()
-    storage = Storage({}, Patience(20.0, 3, 0.05, 0.1))
+    storage = Storage({}, Patience(PATIENCE, 3, 0.05, 0.1))
     begun = time.monotonic()
     with pytest.raises(StorageError, match="no connection to the server"):
         storage.put_once(f"{s3_folder}/x", b"x")
@@ -213,6 +213,6 @@ def test_a_missing_credential_is_reported_as_missing(
         credentials.delenv(name)
     # A port that nothing listens on, in place of a cloud's metadata service.
     credentials.setenv("AWS_METADATA_ENDPOINT", "http://127.0.0.1:9")
-    storage = Storage({}, Patience(20.0, 2, 0.05, 0.1))
+    storage = Storage({}, Patience(PATIENCE, 2, 0.05, 0.1))
     with pytest.raises(StorageError, match=r"there is no credential: name a Secret in spec\.st"):
         storage.read(f"{s3_folder}/x", 0, 1)
