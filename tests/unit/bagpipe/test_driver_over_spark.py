@@ -156,18 +156,19 @@ def test_a_job_is_stopped_before_its_other_cases_run(
     spark: SparkContext, world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fails(case: Case, _context: RunContext, _starts: int) -> Row:
-        threading.Event().wait(0.05)
+        # Long, and only of a job that is not stopped: how soon it is depends on the machine.
+        if case.id != "case-0":
+            threading.Event().wait(PATIENCE)
         return {"case": case.id, "outcome": "errored", "reason": "X", "message": "", "attempts": 1,
                 "recorded": None, "result": None}  # fmt: skip
 
     monkeypatch.setattr(cases_on_spark, "run_case", fails)
     keeper = world.keeper(max_failed=0)
-    many = [dataclasses.replace(world.cases[0], id=f"case-{n}") for n in range(2000)]
+    many = [dataclasses.replace(world.cases[0], id=f"case-{n}") for n in range(6)]
     run_cases(spark, many, world.context, keeper)
     assert keeper.stop is not None
     assert keeper.stop.reason == "TooManyFailedCases"
-    # 2,000 cases of 50 ms on two processors would take 50 s; it is looked twice a second.
-    assert 1 <= len(world.rows) < 1000
+    assert 1 <= len(world.rows) < len(many)
 
 
 def test_an_interruption_journals_and_leaves_the_rest_to_a_successor(
@@ -176,17 +177,19 @@ def test_an_interruption_journals_and_leaves_the_rest_to_a_successor(
     """SIGTERM in the middle: status 143, no manifest, an account that is no end of the job."""
 
     def passes(case: Case, _context: RunContext, _starts: int) -> Row:
-        threading.Event().wait(0.05)
+        # As in the test above.
+        if case.id != "case-0":
+            threading.Event().wait(PATIENCE)
         return make_row(case.id)
 
     def shares(cases: list[Case], keeper: Keeper) -> None:
         def interrupt() -> None:
-            deadline = time.monotonic() + 60
+            deadline = time.monotonic() + PATIENCE
             while not keeper.progress.snapshot()["cases"]["passed"] and time.monotonic() < deadline:
                 threading.Event().wait(0.05)
             os.kill(os.getpid(), signal.SIGTERM)
 
-        many = [dataclasses.replace(cases[0], id=f"case-{n}") for n in range(2000)]
+        many = [dataclasses.replace(cases[0], id=f"case-{n}") for n in range(6)]
         threading.Thread(target=interrupt, daemon=True).start()
         run_cases(spark, many, world.context, keeper)
 
@@ -200,7 +203,7 @@ def test_an_interruption_journals_and_leaves_the_rest_to_a_successor(
         signal.signal(signal.SIGTERM, before)
     assert ended.value.code == 143
     rows = list(world.journal.rows())
-    assert 1 <= len(rows) < 1000
+    assert 1 <= len(rows) < 6
     assert len(rows) == progress.snapshot()["cases"]["passed"]
     assert not world.results.is_committed()
     progress.interrupt()
