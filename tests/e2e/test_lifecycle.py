@@ -11,10 +11,14 @@ from tests.e2e import kubectl as k
 
 pytestmark = pytest.mark.e2e
 
-# Of the fleet's files, so many that a suspension falls among them.
+# Of the fleet's files, so many, and so long each, that a suspension falls among them on a slow
+# machine too.
 CASES = 40
+LONG = fleet.PROGRAM.replace("sleep(1.0)", "sleep(4.0)")
 SMALL = {"resources": {"cpu": "100m", "memory": "1Gi"}}
 WIDTH = {"executors": 1, "slots": 2, "driver": SMALL, "executor": SMALL}
+# For the cases that nothing has to fall among any more.
+WIDER = WIDTH | {"executors": 2, "slots": 4}
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -24,9 +28,12 @@ def files(namespace: str) -> None:
 
 
 def make_job(name: str, **changed: Any) -> k.Object:
-    """40 cases of a second each, two at a time."""
+    """40 cases of four seconds each, two at a time."""
     inputs = [f"pvc://recordings/{fleet.FOLDER}/{n:03d}.bin" for n in range(CASES)]
-    return fleet.make_job(name, source={"files": inputs}, spark=WIDTH, **changed)
+    fields: dict[str, Any] = {"source": {"files": inputs}, "spark": WIDTH} | changed
+    job = fleet.make_job(name, **fields)
+    job["spec"]["stack"]["command"] = ["python3", "-c", LONG]
+    return job
 
 
 def edit(namespace: str, name: str, **spec: object) -> None:
@@ -74,13 +81,14 @@ def recorded(namespace: str, job: k.Object) -> dict[str, str]:
 
 def test_a_suspended_job_goes_on_and_runs_nothing_again(namespace: str) -> None:
     with jobs.applied(namespace, make_job("rests", backoffLimit=0)) as name:
-        await_passed(namespace, name, 8)
+        await_passed(namespace, name, 4)
         edit(namespace, name, suspend=True)
         status = await_condition(namespace, name, "Suspended", 300)["status"]
         assert (status["phase"], pods_of(namespace, name)) == ("Suspended", [])
         done = fleet.journaled(namespace, status["results"])
         # The driver's last segment: nothing that had been counted was lost.
-        assert len(done) >= status["cases"]["passed"] >= 8
+        assert len(done) >= status["cases"]["passed"] >= 4
+        edit(namespace, name, spark=WIDER)
         edit(namespace, name, suspend=False)
         ended = await_condition(namespace, name, "Complete", 300)
         assert ended["status"]["cases"]["passed"] == CASES
@@ -101,7 +109,7 @@ def test_a_deadline_keeps_what_is_done_and_another_job_goes_on_from_it(namespace
         assert pods_of(namespace, late) == []
         done = fleet.journaled(namespace, failed["status"]["results"])
         assert 2 <= len(done) < CASES
-        with jobs.applied(namespace, make_job("later", resumeFrom=late)) as later:
+        with jobs.applied(namespace, make_job("later", resumeFrom=late, spark=WIDER)) as later:
             ended = await_condition(namespace, later, "Complete", 300)
             assert ended["status"]["cases"]["passed"] == CASES
             counted = recorded(namespace, ended)
