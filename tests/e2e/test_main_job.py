@@ -3,9 +3,9 @@
 import itertools
 import posixpath
 import subprocess
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 import yaml
@@ -23,36 +23,53 @@ def recorded_topics(namespace: str, path: str) -> dict[str, int]:
     return {topic["topic"]: topic["messages"] for topic in info["topics"]}
 
 
-def test_the_examples_job_is_complete_and_lossless(namespace: str) -> None:
-    with jobs.applied(namespace, jobs.example()) as name, graces_of(namespace) as graces:
+def test_the_examples_job_is_complete_and_lossless(namespace: str, tmp_path: Path) -> None:
+    watched = tmp_path / "watched"
+    with (
+        jobs.applied(namespace, jobs.patient(jobs.example())) as name,
+        watching_graces(namespace, watched),
+    ):
         _check_the_examples_job(namespace, _ended_on_two_executors(namespace, name))
+
+        def both_deleted() -> bool:
+            return len(first_graces(watched)) == 2 and all(first_graces(watched))
+
+        k.await_that("both executors to be seen deleted", both_deleted, 120)
     jobs.await_none_left(namespace)
     # Not the ten minutes of a case that ends: there is none any more.
-    first = [each for name, each in graces.items() if name.endswith(("-exec-1", "-exec-2"))]
-    assert [set(each) - {"0"} for each in first] == [{"10"}] * 2
+    assert first_graces(watched) == [{"10"}] * 2
+
+
+def first_graces(watched: Path) -> list[set[str]]:
+    """Of each of the first two executors, the grace periods, in seconds, with which it was deleted.
+
+    Without those of 0, by which a kubelet lets go of what has ended.
+    """
+    graces: dict[str, set[str]] = {}
+    # A line that kubectl is writing has no end yet.
+    for name, *grace in map(str.split, watched.read_text().rpartition("\n")[0].splitlines()):
+        graces.setdefault(name, set()).update(grace)
+    first = (each for name, each in graces.items() if name.endswith(("-exec-1", "-exec-2")))
+    return [each - {"0"} for each in first]
 
 
 @contextmanager
-def graces_of(namespace: str) -> Iterator[dict[str, list[str]]]:
-    """The grace periods, in seconds, with which executors were deleted, by their pods: after it."""
+def watching_graces(namespace: str, watched: Path) -> Iterator[None]:
+    """While the block lasts, a line in that file for each change of an executor's pod."""
     line = '{.metadata.name} {.metadata.deletionGracePeriodSeconds}{"\\n"}'
     watch = [
         *("kubectl", "-n", namespace, "get", "pods", "-l", "sim.bagpipe.io/role=executor"),
         *("--watch", "-o", f"jsonpath={line}"),
     ]
-    graces: dict[str, list[str]] = {}
     with (
-        tempfile.TemporaryFile("w+") as seen,
+        watched.open("w") as seen,
         subprocess.Popen(watch, stdout=seen, env=k.tool_environment()) as process,
     ):
         try:
-            yield graces
+            yield
         finally:
             process.terminate()
-            process.wait(10)
-            seen.seek(0)
-            for name, *grace in map(str.split, seen.read().splitlines()):
-                graces.setdefault(name, []).extend(grace)
+            process.wait(60)
 
 
 def _ended_on_two_executors(namespace: str, name: str) -> k.Object:
