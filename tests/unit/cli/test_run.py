@@ -9,6 +9,7 @@ from click.testing import CliRunner
 
 from bagpipe.cli import run as module
 from bagpipe.cli.__main__ import main
+from bagpipe.run import laptop
 from bagpipe.run.laptop import agent_program
 from tests.unit.bagpipe.jobs import make_spec
 
@@ -88,6 +89,36 @@ def test_an_agent_that_does_not_start_is_reported_with_its_output(tmp_path: Path
     status, text = run(tmp_path, "--agent", str(agent))
     assert status == 2, text
     assert "the agent did not start; it wrote: no agent of ours" in text
+
+
+def test_an_agent_that_is_slow_to_answer_is_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its first answers take longer than is waited for each, as on a machine that is busy."""
+    asked = tmp_path / "asked"
+    agent = tmp_path / "agent"
+    agent.write_text(
+        "#!/bin/sh\n"
+        'if [ "$1" = serve ]; then exec sleep 1000; fi\n'
+        f'echo >> "{asked}"; if [ "$(wc -l < "{asked}")" -lt 3 ]; then exec sleep 1000; fi\n'
+    )
+    agent.chmod(0o755)
+    monkeypatch.setattr(laptop, "_ANSWER_SECONDS", 1.0)
+    with laptop.serving_agent(str(agent), tmp_path, tmp_path / "log"):
+        assert asked.read_text().count("\n") >= 3
+
+
+def test_an_agent_that_never_answers_is_reported(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    agent = tmp_path / "agent"
+    agent.write_text("#!/bin/sh\nexec sleep 1000\n")
+    agent.chmod(0o755)
+    monkeypatch.setattr(laptop, "_ANSWER_SECONDS", 0.5)
+    monkeypatch.setattr(laptop, "_READY_SECONDS", 1.0)
+    status, text = run(tmp_path, "--agent", str(agent))
+    assert status == 2, text
+    assert "the agent did not start; it wrote: nothing" in text
 
 
 def test_slots_are_the_job_s_own_at_most_one_for_each_processor(

@@ -22,7 +22,9 @@ from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
 from bagpipe.wire.session import InputFile
 
-_READY_SECONDS = 20.0
+# A machine with much other work takes a minute to start a program.
+_READY_SECONDS = 90.0
+_ANSWER_SECONDS = 30.0
 _END_SECONDS = 15.0
 
 
@@ -126,12 +128,20 @@ def _serving(agent: str, shared: Path, log: Path, slots: int, port: int) -> Iter
 
 def _await_ready(agent: str, shared: Path, process: "subprocess.Popen[bytes]", log: Path) -> None:
     deadline = time.monotonic() + _READY_SECONDS
-    # It looks every few milliseconds by itself; in between it is seen whether the agent has ended.
-    ready = [agent, "ready", "--shared", str(shared), "--wait", "1"]
-    while subprocess.run(ready, capture_output=True, check=False, timeout=10).returncode:
+    while not _is_ready(agent, shared):
         if process.poll() is not None or time.monotonic() > deadline:
             last = log.read_text(errors="replace").strip().splitlines()[-5:]
             raise ReplayError(f"the agent did not start; it wrote: {' '.join(last) or 'nothing'}")
+
+
+def _is_ready(agent: str, shared: Path) -> bool:
+    # It looks every few milliseconds by itself; in between it is seen whether the agent has ended.
+    ready = [agent, "ready", "--shared", str(shared), "--wait", "1"]
+    try:
+        done = subprocess.run(ready, capture_output=True, check=False, timeout=_ANSWER_SECONDS)
+    except subprocess.TimeoutExpired:
+        return False
+    return done.returncode == 0
 
 
 def own_environment() -> dict[str, str]:
