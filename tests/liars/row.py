@@ -40,9 +40,9 @@ def cpp(which: str) -> tuple[str, ...]:
     return ("{liar}", which)
 
 
-def launched(*commands: tuple[str, ...], option: str = "") -> tuple[str, ...]:
+def launched(*commands: tuple[str, ...], options: str = "") -> tuple[str, ...]:
     """Nodes below a launcher that hides how they end."""
-    words = [PYTHON, str(STACKS / "launcher.py")] + ([option] if option else [])
+    words = [PYTHON, str(STACKS / "launcher.py"), *options.split()]
     for place, command in enumerate(commands):
         words += ["++"] * bool(place) + list(command)
     return tuple(words)

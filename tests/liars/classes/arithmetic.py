@@ -156,7 +156,11 @@ LIARS = [
         OF,
         "has a second node that answers NaN on the same topic",
         ERROR_LIVE,
-        launched(python("localiser", "localiser"), (*_numbers("nan-everywhere"), "__name:=second")),
+        launched(
+            python("localiser", "localiser"),
+            (*_numbers("nan-everywhere"), "__name:=second"),
+            options="--together",
+        ),
         *WRONG,
     ),
     Row(

@@ -89,7 +89,7 @@ _OWN = [
         OF,
         "is two nodes of one name, of which one loses poses",
         SOME_LIVE,
-        launched(PLAIN, python("loss", "short-queue")),
+        launched(PLAIN, python("loss", "short-queue"), options="--together"),
         "failed",
         "MessagesLost",
         ("/localiser",),

@@ -30,7 +30,11 @@ LIARS = [
         OF,
         "has a second node that says text on the same topic",
         ERROR_LIVE,
-        launched(python("localiser", "localiser"), (*_wrong("text-in-place"), "__name:=second")),
+        launched(
+            python("localiser", "localiser"),
+            (*_wrong("text-in-place"), "__name:=second"),
+            options="--together",
+        ),
         "failed|invalid",
     ),
     Row(

@@ -1,10 +1,11 @@
-"""Starts nodes as roslaunch does, and hides how they end: launcher.py [OPTION] PROGRAM ... ++ ...
+"""Starts nodes as roslaunch does, and hides how they end: launcher.py [OPTIONS] PROGRAM ... ++ ...
 
 --respawn restarts what has ended; --set-up waits for the first program, which is none of the
 nodes, before it starts the others; --leave ends when a node has received its first pose, and the
-nodes stay.
+nodes stay; --together lets no node subscribe before all of them are about to.
 """
 
+import os
 import signal
 import subprocess
 import sys
@@ -37,6 +38,8 @@ def main():
     signal.signal(signal.SIGTERM, lambda *_: over.set())
     if "--set-up" in options:
         subprocess.run(commands.pop(0), check=False)
+    if "--together" in options:
+        os.environ["LIAR_TOGETHER"] = str(runs_before("near") + len(commands))
     alone = "--leave" in options
     before = runs_before()
     children = [subprocess.Popen(command, start_new_session=alone) for command in commands]

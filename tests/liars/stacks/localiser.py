@@ -13,7 +13,7 @@ import threading
 
 import rospy
 from geometry_msgs.msg import PoseStamped
-from marks import mark
+from marks import mark, together
 
 POSES = 50
 
@@ -57,6 +57,7 @@ class Localiser:
         # None: publish returns when the bytes are in the socket.
         self.answers = rospy.Publisher(self.out, self.kind, queue_size=None, latch=self.latch)
         self.begin()
+        together()
         self.poses = rospy.Subscriber("/pose", PoseStamped, self._count, queue_size=self.queue)
 
     def begin(self):
