@@ -77,6 +77,8 @@ def steps(deadline: str, **more: Any) -> dict[str, Any]:
 # Played by the clock, as a robot lives it.
 LIVE = Job("live", {"mode": "realtime"})
 STEPPED = Job("stepped", steps("100ms"))
+# Where somebody answers each pose: one that is slow keeps the play waiting, and misses nothing.
+STEADY = Job("steady", steps("60s"))
 SIMULATED = Job("simulated", steps("2s"), {"parameters": {"/use_sim_time": True}})
 # For a stack that is waited for in vain.
 IN_VAIN = replace(SIMULATED, name="in-vain", subscribe="10s")
@@ -128,8 +130,10 @@ class Question:
 
 PRESENCE = Question(STEPPED, "all answers")
 PRESENCE_LIVE = Question(LIVE, "all answers")
+PRESENCE_STEADY = Question(STEADY, "all answers")
 SOME = Question(STEPPED, "some answer")
 SOME_LIVE = Question(LIVE, "some answer")
+SOME_STEADY = Question(STEADY, "some answer")
 SOME_MAX = Question(FAST, "some answer")
 LATENCY = Question(LIVE, "quick")
 LATENCY_SIM = Question(SIMULATED_LIVE, "quick", "zero")

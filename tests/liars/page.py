@@ -18,6 +18,7 @@ MARK = "<!-- From here on written by tests/liars/page.py; do not edit. -->"
 MODES = {
     "live": "realtime",
     "stepped": "lockstep",
+    "steady": "lockstep",
     "simulated": "lockstep, simulated time",
     "in-vain": "lockstep, simulated time",
     "simulated-live": "realtime, simulated time",

@@ -71,6 +71,59 @@ class LeavesAfter40(StatusThree):
         mark("up")
 
 
+class LeavesForAnother(LeavesAfter40):
+    """Does not subscribe before the one that takes its name is about to."""
+
+    def begin(self):
+        while not runs_before("ready"):
+            wait(0.01)
+        super().begin()
+
+
+class TakesItsName(LeavesAfter40):
+    """Waits, with all that it needs, until the one whose name it takes has ended."""
+
+    def __init__(self):
+        mark("ready")
+        while not has_ended("died"):
+            wait(0.01)
+        super().__init__()
+
+
+class StandsIn(Localiser):
+    """Answers behind another node's last pose, and holds the play until that has left."""
+
+    name = "planner"
+    answered = 40
+
+    def begin(self):
+        self.alone = False
+
+    def received(self, number, pose):
+        if pose.pose.position.x < self.answered:
+            return
+        while not self.alone and not rospy.is_shutdown():
+            wait(0.01)
+            self.alone = self.has_left()
+        self.say(right(pose))
+
+    def has_left(self):
+        if not has_ended("died"):
+            return False
+        # Bagpipe notes an end on a thread that may have to wait for a processor.
+        wait(2)
+        return True
+
+
+class StandsInForTheLiving(StandsIn):
+    """The same for one that has left the graph behind 20 poses, and lives on."""
+
+    answered = 20
+
+    def has_left(self):
+        return bool(runs_before("left"))
+
+
 class OutlivesIt(Localiser):
     """Reports on /status until the one that left is up again, which keeps the case open."""
 
@@ -78,6 +131,9 @@ class OutlivesIt(Localiser):
     out = "/status"
 
     def begin(self):
+        # The play may begin once it subscribes.
+        while not runs_before("up"):
+            wait(0.01)
         threading.Thread(target=self._report, daemon=True).start()
 
     def received(self, number, pose):
@@ -115,10 +171,15 @@ class RaisesInMain(Localiser):
 class LeavesTheGraph(Localiser):
     """Shuts its node down, and its process lives on."""
 
+    buffer = 1
+
     def received(self, number, pose):
         self.say(right(pose))
         if number == 45:
             threading.Thread(target=rospy.signal_shutdown, args=("tired",)).start()
+            # However late that thread runs, this node takes no more poses.
+            while not rospy.is_shutdown():
+                wait(0.01)
 
     def serve(self):
         rospy.spin()
@@ -131,6 +192,18 @@ class AwaitsThePlanner(Localiser):
     def begin(self):
         while not runs_before("up"):
             wait(0.01)
+
+
+class HoldsUntilItLeaves(AwaitsThePlanner):
+    """Answers no pose before the one that leaves at the first has left."""
+
+    def received(self, number, pose):
+        while not self.has_left() and not rospy.is_shutdown():
+            wait(0.01)
+        super().received(number, pose)
+
+    def has_left(self):
+        return runs_before("died")
 
 
 class AwaitsItsLeave(AwaitsThePlanner):
@@ -146,6 +219,25 @@ class AwaitsItsLeave(AwaitsThePlanner):
         end = time.monotonic() + 3
         while time.monotonic() < end and not runs_before("left"):
             pass
+
+
+class AwaitsBothLeaves(HoldsUntilItLeaves, AwaitsItsLeave):
+    """Answers no pose before the one that has left is up again, and awaits that it leaves again."""
+
+    def has_left(self):
+        return runs_before("up") > 1
+
+
+class StaysBehind(Localiser):
+    """Answers no pose before its launcher has ended."""
+
+    def begin(self):
+        self.launcher = os.getppid()
+
+    def received(self, number, pose):
+        while os.getppid() == self.launcher and not rospy.is_shutdown():
+            wait(0.01)
+        self.say(right(pose))
 
 
 class Reporter:

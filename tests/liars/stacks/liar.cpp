@@ -1,12 +1,14 @@
 // Stacks of roscpp that lie, or look as if they did: liar WHICH.
 //
 // Each receives /pose and publishes on /answer where that is on the map, as localiser.py does.
+#include <algorithm>
 #include <cmath>
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
 #include <fstream>
 #include <functional>
+#include <iterator>
 #include <limits>
 #include <map>
 #include <memory>
@@ -27,6 +29,18 @@ const int kPoses = 50;
 void mark(const std::string& word) {
   const std::string folder = getenv("LIAR_MARKS"), name = getenv("LIAR_NAME");
   std::ofstream(folder + "/" + name + "." + word, std::ios::app) << getpid() << "\n";
+}
+
+// Waits, below a launcher that wants it, until each of its nodes is about to subscribe.
+void together() {
+  const char* nodes = getenv("LIAR_TOGETHER");
+  if (nodes == nullptr) return;
+  mark("near");
+  const std::string folder = getenv("LIAR_MARKS"), name = getenv("LIAR_NAME");
+  for (int near = 0; near < atoi(nodes); usleep(10'000)) {
+    std::ifstream file(folder + "/" + name + ".near");
+    near = std::count(std::istreambuf_iterator<char>(file), {}, '\n');
+  }
 }
 
 PoseStamped right(const PoseStamped& pose) {
@@ -69,6 +83,19 @@ Received then(int at, std::function<void()> how) {
   };
 }
 
+// Takes no more poses, however late its node leaves.
+Received leaves_after(int at) {
+  return [at](ros::Publisher& out, int number, const PoseStamped& pose) {
+    out.publish(right(pose));
+    if (number < at) return;
+    leave([] {
+      ros::shutdown();
+      mark("left");
+    });
+    while (ros::ok()) usleep(1'000);
+  };
+}
+
 Received slow(int microseconds) {
   return [microseconds](ros::Publisher& out, int, const PoseStamped& pose) {
     usleep(microseconds);
@@ -94,7 +121,7 @@ std::map<std::string, Stack> stacks() {
   all["null"] = {then(kPoses, [] { *static_cast<volatile int*>(nullptr) = 1; })};
   all["uncaught"] = {then(kPoses, diverge)};
   all["status-3"] = {then(kPoses, [] { _exit(3); })};
-  all["leaves-the-graph"] = {then(20, [] { ros::shutdown(); })};
+  all["leaves-the-graph"] = {leaves_after(20)};
   all["wall-clock"] = {[](ros::Publisher& out, int, const PoseStamped& pose) {
     PoseStamped answer = right(pose);
     answer.header.stamp.fromSec(ros::WallTime::now().toSec());
@@ -129,6 +156,7 @@ int main(int argc, char** argv) {
         if (++number == 1) mark("ran");
         stack.received(out, number, *pose);
       };
+  together();
   ros::Subscriber in = node.subscribe<PoseStamped>("/pose", stack.queue, received);
   ros::MultiThreadedSpinner spinner(stack.threads);
   spinner.spin();

@@ -47,6 +47,8 @@ class Localiser:
     name = "localiser"
     anonymous = False
     queue = None
+    # rospy reads up to so many bytes at once, and counts whatever messages they hold.
+    buffer = 65536
     out = "/answer"
     kind = PoseStamped
     latch = False
@@ -58,7 +60,12 @@ class Localiser:
         self.answers = rospy.Publisher(self.out, self.kind, queue_size=None, latch=self.latch)
         self.begin()
         together()
-        self.poses = rospy.Subscriber("/pose", PoseStamped, self._count, queue_size=self.queue)
+        self.poses = self.subscribed()
+
+    def subscribed(self):
+        """To the poses, from now on."""
+        limits = {"queue_size": self.queue, "buff_size": self.buffer}
+        return rospy.Subscriber("/pose", PoseStamped, self._count, **limits)
 
     def begin(self):
         """Before the first pose can come."""

@@ -117,7 +117,8 @@ class Publisher:
 
 
 class Subscriber:
-    def __init__(self, topic, kind, callback, queue_size=None):
+    # buff_size is of rospy's sockets alone: here one message is taken at a time.
+    def __init__(self, topic, kind, callback, queue_size=None, buff_size=None):
         self.kind, self.callback, self.message = kind, callback, rmw.Message()
         depth = queue_size or _UNBOUND
         parts = (rmw.create_subscription, rmw.destroy_subscription, kind, topic, _qos(depth))
