@@ -205,7 +205,7 @@ LIARS = [
         "unsubscribes",
         OF,
         "stops listening after half of the poses",
-        ERROR_LIVE,
+        ERROR,
         _silence("leaves-the-pose"),
         "failed",
         "MessagesLost",

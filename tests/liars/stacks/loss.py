@@ -24,14 +24,19 @@ class ShortQueue(Localiser):
         self.say(right(pose))
 
 
-class LosesTwoRunsOfThree(ShortQueue):
+class LosesTwoRunsOfThree(Localiser):
     """Every third run loses nothing: whoever retries until it passes gets a pass."""
+
+    buffer = 1
 
     def begin(self):
         self.run = runs_before("begun")
         mark("begun")
-        if self.run % 3 == 2:
-            self.busy = 0.0
+
+    def received(self, number, pose):
+        if number == 25 and self.run % 3 != 2:
+            self.poses.unregister()
+        self.say(right(pose))
 
 
 class FirstCallbackBlocks(Localiser):

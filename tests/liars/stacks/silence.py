@@ -123,6 +123,8 @@ class GoalAtOnce(Localiser):
 class LeavesThePose(Localiser):
     """Does not receive the second half: unsubscribed."""
 
+    buffer = 1
+
     def received(self, number, pose):
         self.say(right(pose))
         if number == 25:
