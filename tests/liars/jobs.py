@@ -17,6 +17,8 @@ CRITERIA: dict[str, dict[str, Any]] = {
     "some answer": {"presence": {"topic": ANSWER, "min": 1}},
     "fast": {"rate": {"topic": ANSWER, "min": 9.5}},
     "quick": {"latency": {"topic": ANSWER, "max": "1500ms"}},
+    # For who is honest: no wait for a processor breaks it, which is shorter than play and drain.
+    "not stuck": {"latency": {"topic": ANSWER, "max": "12s", "minCoverage": 0.05}},
     "close": {"error": TRUTH | {"metric": "max"}},
     "close on average": {"error": TRUTH | {"metric": "rmse"}},
     "close at last": {"error": TRUTH | {"metric": "final"}},
@@ -136,7 +138,8 @@ SOME_LIVE = Question(LIVE, "some answer")
 SOME_STEADY = Question(STEADY, "some answer")
 SOME_MAX = Question(FAST, "some answer")
 LATENCY = Question(LIVE, "quick")
-LATENCY_SIM = Question(SIMULATED_LIVE, "quick", "zero")
+LATENCY_LOOSE = Question(LIVE, "not stuck")
+LATENCY_SIM = Question(SIMULATED_LIVE, "not stuck", "zero")
 ERROR_SIM = Question(SIMULATED, "close")
 ERROR_IN_VAIN = Question(IN_VAIN, "close")
 ERROR = Question(STEPPED, "close")
@@ -147,6 +150,7 @@ ERROR_LATER = Question(LIVE, "close", "later")
 EXPECTED_LIVE = Question(LIVE, "known fault")
 BY_STAMPS = Question(STAMPED, "close")
 RATE = Question(LIVE, "fast")
+RATE_STEADY = Question(STEADY, "fast")
 BOUNDS = Question(STEPPED, "ahead")
 BOUNDS_ABOVE = Question(STEPPED, "near")
 HOLDS = Question(STEPPED, "sane")
