@@ -339,7 +339,7 @@ HONEST = [
     Row(
         "daemon-on-purpose",
         OF,
-        "starts its node behind its back and ends, which the job allows; 80 ms for each pose",
+        "starts its node behind its back and ends, which the job allows; 50 ms for each pose",
         ALL_LEFT,
         launched(_death("takes-its-time"), options="--leave"),
         "passed",

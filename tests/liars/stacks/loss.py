@@ -40,9 +40,10 @@ class LosesTwoRunsOfThree(Localiser):
 
 
 class FirstCallbackBlocks(Localiser):
-    """It loads a model when the first pose comes, while its queue has room for ten."""
+    """It loads a model when the first pose comes, while its queue has room for twenty."""
 
-    queue = 10
+    # Fewer than come of the lead-in meanwhile, and enough for 0.8 s of the window.
+    queue = 20
 
     def received(self, number, pose):
         if number == 1:
