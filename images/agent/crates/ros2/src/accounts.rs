@@ -67,7 +67,9 @@ impl<P: Copy + Ord> Accounts<P> {
         // Once through all: a node may have made thousands, of which each look has those that are gone, too.
         let mut by_gid: BTreeMap<Gid, Vec<&Publishing<'_, P>>> = BTreeMap::new();
         for one in now {
-            one.gid.map(|gid| by_gid.entry(gid).or_default().push(one));
+            if let Some(gid) = one.gid {
+                by_gid.entry(gid).or_default().push(one);
+            }
         }
         for (gid, ones) in by_gid {
             let node = || ones.first().map(|one| one.node.to_owned()).unwrap_or_default();

@@ -30,9 +30,9 @@ def changes(
     """Every case that both have.
 
     Of one that was another part of the recording nothing is known, unless it is taken for the
-    same (`of_any_window`). Where all rounds agree, in both, their word is the case's. Else Fisher's exact test says whether so different shares of
-    rounds may pass by chance, with Holm's correction over such cases; only where they may, the
-    case is flaky.
+    same (`of_any_window`). Where all rounds agree, in both, their word is the case's. Else
+    Fisher's exact test says whether so different shares of rounds may pass by chance, with
+    Holm's correction over such cases; only where they may, the case is flaky.
     """
     found = {}
     tested = {}

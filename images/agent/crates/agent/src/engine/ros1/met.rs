@@ -119,6 +119,11 @@ mod tests {
         assert!(is_of_command_line("/robot/rosservice_4711_1700000000000"));
     }
 
+    fn unnamed(name: &str) -> Known {
+        let (name, uri) = (name.to_owned(), String::new());
+        Known { name, uri, pid: None, stayed: false, began: None }
+    }
+
     #[test]
     fn who_registers_before_the_play_is_noted_with_its_process() {
         let met = Met::default();
@@ -151,13 +156,6 @@ sys.exit(3)";
         };
         let people = ["/rostopic_7_8", "/robot/rostopic_7_8", "/rosservice_7_8"];
         let pid = run(&[&["/a", "/a", "/b", "/bagpipe_player_7"][..], &people].concat());
-        let unnamed = |name: &str| Known {
-            name: name.to_owned(),
-            uri: String::new(),
-            pid: None,
-            stayed: false,
-            began: None,
-        };
         let before = [unnamed("/a"), unnamed("/c"), Known { pid: Some(7), ..unnamed("/b") }];
         let mut roll = before.to_vec();
         met.name_processes(&mut roll);
