@@ -2,14 +2,12 @@
 
 The ten seconds count from the moment at which Kubernetes knew to that at which the status was
 written, by the API server's own timestamps: a test that is held up does not count. These have whole
-seconds, so a measured time may be up to one second off. A machine that stands still holds up the
-operator too: what was late is made real once more, and has to be in time then.
+seconds, so a measured time may be up to one second off.
 """
 
-import functools
 import json
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator
+from contextlib import suppress
 from datetime import UTC, datetime
 from typing import Any
 
@@ -82,33 +80,10 @@ def pod_condition(pod: k.Object, kind: str) -> datetime:
     return moment(found["lastTransitionTime"])
 
 
-class LateError(AssertionError):
-    """A reason was in the status later than is promised."""
-
-
 def assert_in_time(what: str, knew: datetime, reported: datetime) -> None:
     seconds = (reported - knew).total_seconds()
     print(f"{what}: reported {seconds:.1f} s after Kubernetes knew")
-    if seconds > WITHIN_SECONDS:
-        raise LateError(f"{what} after {seconds:.1f} s, and {WITHIN_SECONDS:.0f} s are promised")
-
-
-def once_more_if_late(test: Callable[..., None]) -> Callable[..., None]:
-    """The test, which is run a second time, with a long job of its own, if a reason was late."""
-
-    @functools.wraps(test)
-    def run(namespace: str, **given: str) -> None:
-        try:
-            test(namespace, **given)
-        except LateError as late:
-            print(f"once more: {late}")
-            if "running" not in given:
-                test(namespace)
-                return
-            with long_at_work(namespace, "once-more") as name:
-                test(namespace, running=name)
-
-    return run
+    assert seconds <= WITHIN_SECONDS
 
 
 def assert_reported_once(namespace: str, name: str, reason: str) -> None:
@@ -122,7 +97,6 @@ def only(found: list[k.Object]) -> k.Object:
     return one
 
 
-@once_more_if_late
 def test_an_unknown_image(namespace: str) -> None:
     job = jobs.make_job("no-image-time", stack={"image": "bagpipe.local/none:9"})
     with jobs.applied(namespace, job) as name:
@@ -132,7 +106,6 @@ def test_an_unknown_image(namespace: str) -> None:
         assert_reported_once(namespace, name, "StackImageUnavailable")
 
 
-@once_more_if_late
 def test_a_missing_claim(namespace: str) -> None:
     job = jobs.make_job("no-claim", output={"uri": "pvc://absent/results"})
     with jobs.applied(namespace, job) as name:
@@ -142,7 +115,6 @@ def test_a_missing_claim(namespace: str) -> None:
         assert_reported_once(namespace, name, "VolumeMissing")
 
 
-@once_more_if_late
 def test_a_missing_secret(namespace: str) -> None:
     job = jobs.make_job("no-secret")
     job["spec"]["storage"] = {"secrets": ["absent"]}
@@ -154,7 +126,6 @@ def test_a_missing_secret(namespace: str) -> None:
         assert_reported_once(namespace, name, "SecretMissing")
 
 
-@once_more_if_late
 def test_a_claim_that_is_not_bound(namespace: str) -> None:
     claim = {
         "apiVersion": "v1",
@@ -176,7 +147,6 @@ def test_a_claim_that_is_not_bound(namespace: str) -> None:
         assert_reported_once(namespace, name, "VolumePending")
 
 
-@once_more_if_late
 def test_a_volume_that_does_not_mount(namespace: str) -> None:
     """A node's folder that is not there, behind a claim that is bound."""
     size = {"storage": "1Gi"}
@@ -219,7 +189,6 @@ def test_a_volume_that_does_not_mount(namespace: str) -> None:
         k.kubectl("delete", "pv", f"{namespace}-unmountable")
 
 
-@once_more_if_late
 def test_no_node_and_then_no_config_map(namespace: str) -> None:
     # A label that no node has yet: pods of other tests go on being placed.
     room = f"{namespace}/room"
@@ -244,7 +213,6 @@ def test_no_node_and_then_no_config_map(namespace: str) -> None:
         jobs.delete(namespace, "unplaced")
 
 
-@once_more_if_late
 def test_executors_that_no_node_has_room_for(namespace: str) -> None:
     large = {"resources": {"cpu": "500", "memory": "1Gi"}}
     spark = jobs.spark(1, 1) | {"executor": large}
@@ -254,7 +222,6 @@ def test_executors_that_no_node_has_room_for(namespace: str) -> None:
         assert_in_time("no room", pod_condition(pod, "PodScheduled"), reported)
 
 
-@once_more_if_late
 def test_no_quota_for_the_driver(namespace: str) -> None:
     with quota(namespace, 0), jobs.applied(namespace, jobs.make_job("no-driver")) as name:
         reported = seen(namespace, name, "QuotaExceeded", 240, "Accepted")
@@ -263,7 +230,6 @@ def test_no_quota_for_the_driver(namespace: str) -> None:
 
 
 @pytest.mark.slow
-@once_more_if_late
 def test_no_quota_for_executors(namespace: str) -> None:
     """Refused more often than Spark would tolerate by its default, and as if nothing had been."""
     name = "no-executors"
@@ -312,18 +278,12 @@ def long_job(name: str) -> k.Object:
     )
 
 
-@contextmanager
-def long_at_work(namespace: str, name: str) -> Iterator[str]:
-    with jobs.applied(namespace, long_job(name)) as made:
-        seen(namespace, made, "CasesRunning", 240)
-        yield made
-
-
 @pytest.fixture(scope="module")
 def running(namespace: str) -> Iterator[str]:
     """A long job that has begun; its faults are made one after the other."""
     fleet.put_files(namespace)
-    with long_at_work(namespace, "long") as name:
+    with jobs.applied(namespace, long_job("long")) as name:
+        seen(namespace, name, "CasesRunning", 240)
         yield name
 
 
@@ -377,7 +337,6 @@ def evict(namespace: str, pod: str) -> datetime:
 
 
 @pytest.mark.slow
-@once_more_if_late
 def test_a_stack_that_takes_too_much_memory(namespace: str, running: str) -> None:
     pod = executor(namespace, running)["metadata"]["name"]
     fill_memory(namespace, pod, "stack")
@@ -389,7 +348,6 @@ def test_a_stack_that_takes_too_much_memory(namespace: str, running: str) -> Non
 
 
 @pytest.mark.slow
-@once_more_if_late
 def test_a_driver_that_is_evicted(namespace: str, running: str) -> None:
     pod = at_work(namespace, running, "driver")["metadata"]["name"]
     knew = evict(namespace, pod)
@@ -400,7 +358,6 @@ def test_a_driver_that_is_evicted(namespace: str, running: str) -> None:
 
 
 @pytest.mark.slow
-@once_more_if_late
 def test_an_executor_that_takes_too_much_memory(namespace: str, running: str) -> None:
     pod = executor(namespace, running)
     begun = datetime.now(UTC)
@@ -411,7 +368,6 @@ def test_an_executor_that_takes_too_much_memory(namespace: str, running: str) ->
 
 
 @pytest.mark.slow
-@once_more_if_late
 def test_a_driver_that_takes_too_much_memory(namespace: str, running: str) -> None:
     pod = at_work(namespace, running, "driver")["metadata"]["name"]
     fill_memory(namespace, pod, "driver")
@@ -421,7 +377,6 @@ def test_a_driver_that_takes_too_much_memory(namespace: str, running: str) -> No
 
 
 @pytest.mark.slow
-@once_more_if_late
 def test_an_executor_that_is_evicted(namespace: str, running: str) -> None:
     pod = executor(namespace, running)["metadata"]["name"]
     knew = evict(namespace, pod)
