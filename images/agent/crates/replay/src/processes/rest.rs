@@ -13,6 +13,8 @@ use super::threads::{Demand, Waits};
 /// The part of a processor that a process wants while it works, beyond what it always wants.
 /// Timers and the reading of /clock take a few hundredths.
 pub(crate) const WORKING: f64 = 0.25;
+/// A thread that waited for a processor in all but so much of the time has not shown what is usual.
+const LEAST_SEEN: Duration = Duration::from_millis(5);
 /// A process that wants less than this before the first input is at rest by then.
 pub(crate) const RESTING: f64 = 0.1;
 
@@ -67,6 +69,22 @@ impl Look {
         wanted
     }
 
+    /// The part of a processor that each process has taken since an earlier look, of the time in which none of it had
+    /// to wait for one: a machine that starves a process shows nothing of its habits.
+    fn taken_since(&self, earlier: &Look) -> BTreeMap<i32, f64> {
+        let passed = self.at.saturating_sub(earlier.at);
+        let mut taken: BTreeMap<i32, f64> = BTreeMap::new();
+        for (thread, (demand, _)) in &self.threads {
+            let before = earlier.threads.get(thread).map(|(demand, _)| *demand).unwrap_or_default();
+            let waited = demand.waited.saturating_sub(before.waited);
+            let ran = demand.nanoseconds.saturating_sub(before.nanoseconds).saturating_sub(waited);
+            let seen = passed.saturating_sub(Duration::from_nanos(waited));
+            let part = if seen < LEAST_SEEN { 0.0 } else { ran as f64 / seen.as_nanos() as f64 };
+            *taken.entry(thread.0).or_default() += part;
+        }
+        taken
+    }
+
     /// The longest that a thread could have run since an earlier look and had no processor.
     pub(crate) fn starved_since(&self, earlier: &Look) -> Duration {
         let passed = self.at.saturating_sub(earlier.at);
@@ -93,7 +111,7 @@ impl Look {
 impl Watch {
     /// What was usual before the first input, from two looks.
     pub(crate) fn new(first: &Look, second: Look) -> Watch {
-        let usual = second.wanted_since(first);
+        let usual = second.taken_since(first);
         Watch { usual, before: second.clone(), last: second.clone(), still: second }
     }
 
@@ -146,6 +164,31 @@ mod tests {
             )
         };
         Look { at: Duration::from_millis(at), threads: threads.iter().map(one).collect() }
+    }
+
+    #[test]
+    fn what_a_process_had_to_wait_for_is_none_of_its_habits() {
+        let thread = |at, ran: u64, waited: u64| Look {
+            at: Duration::from_millis(at),
+            threads: BTreeMap::from([(
+                (1, 1),
+                (
+                    Demand { nanoseconds: (ran + waited) * MS, waited: waited * MS, turns: at },
+                    Waits::Else,
+                ),
+            )]),
+        };
+        let works = |ran, waited| {
+            let mut watch = Watch::new(&thread(0, 0, 0), thread(200, ran, waited));
+            watch.begin(thread(300, ran, waited));
+            // A callback that computes, once it gets its processor.
+            watch.look(thread(400, ran + 90, waited), false)
+        };
+        assert_eq!(works(4, 150), Rest::Working);
+        assert_eq!(works(2, 198), Rest::Working, "it has not been seen at all");
+        // It always takes a processor, as far as it gets one.
+        assert_eq!(works(50, 150), Rest::Still);
+        assert_eq!(works(200, 0), Rest::Still);
     }
 
     #[test]
