@@ -22,7 +22,7 @@ const LAST: usize = 3;
 /// on a busy machine: others may have its standard error.
 const LAST_LINES: Duration = Duration::from_secs(2);
 /// And what it has written already, by who reads it on a machine that gives that no processor.
-const UNREAD: Duration = Duration::from_secs(30);
+const UNREAD: Duration = Duration::from_secs(5);
 /// A program that runs on has written all when nothing more comes for so long.
 const QUIET: Duration = Duration::from_millis(50);
 /// How long it may take to end by itself after SIGTERM, and then after SIGKILL.

@@ -24,8 +24,8 @@ impl Known {
     }
 }
 
-/// By how much earlier a process may seem to have begun: the kernel counts that in hundredths of a second.
-const ROUNDED: Duration = Duration::from_millis(50);
+/// How much later an end may be noticed than it was, where the processes are being looked at or the machine is busy.
+const NOTICED: Duration = Duration::from_secs(1);
 
 /// What has become of a node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -65,14 +65,15 @@ pub fn absent(
     ended: impl Fn(&Known) -> Option<Instant>,
 ) -> Vec<&Known> {
     let succeeds = |one: &Known, node: &Known| {
-        let is_after = one.began.zip(ended(node)).is_none_or(|(began, end)| began + ROUNDED >= end);
+        let is_after = one.began.zip(ended(node)).is_none_or(|(began, end)| began + NOTICED >= end);
         one.name == node.name && !one.is_of_process(node) && is_after
     };
     let is_there =
         |node: &Known| roll.iter().any(|one| one.name == node.name && one.is_of_process(node));
-    let of_process = |all: &[Known], node: &Known| {
-        let own = all.iter().filter(|one| one.is_of_process(node));
-        own.map(|one| one.name.as_str()).collect::<BTreeSet<&str>>().len()
+    // Those that have left again count on both sides: one that serves for a moment has another name each time.
+    let of_process = |node: &Known| {
+        let all = met.iter().chain(roll).filter(|one| one.pid == node.pid);
+        all.map(|one| one.name.as_str()).collect::<BTreeSet<&str>>().len()
     };
     let has_successor =
         |at: usize, node: &Known| roll.iter().chain(&met[at + 1..]).any(|one| succeeds(one, node));
@@ -80,7 +81,7 @@ pub fn absent(
         let mut own = met.iter().filter(|one| one.is_of_process(node));
         own.any(|own| {
             let mut successors = roll.iter().filter(|one| succeeds(one, own));
-            successors.any(|one| of_process(roll, one) >= of_process(met, node))
+            successors.any(|one| of_process(one) >= of_process(node))
         })
     };
     let gone = met.iter().enumerate().filter(|(at, node)| !has_successor(*at, node));
@@ -175,6 +176,9 @@ mod tests {
         let met = [known("/spawner", 4), known("/listener_55aa", 4)];
         let there = [known("/spawner", 6), known("/listener_77bb", 6)];
         assert_eq!(names(&met, &there), []);
+        // Of the successor, too, one has left again, which is nothing as long as that process lives.
+        let again = [&met[..], &[known("/listener_77bb", 6)]].concat();
+        assert_eq!(names(&again, &there[..1]), [named("/listener_77bb", 6)]);
         // A container that comes back without its node.
         assert_eq!(names(&met, &there[..1]), [named("/listener_55aa", 4)]);
         assert_eq!(names(&met[1..], &there), [named("/listener_55aa", 4)]);

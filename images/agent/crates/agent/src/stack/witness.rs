@@ -117,8 +117,8 @@ impl Witness {
 #[derive(Debug, Default)]
 struct Watched {
     alive: BTreeMap<i32, (Arc<OwnedFd>, String)>,
-    /// Reported already, and maybe not yet collected by their parents.
-    over: BTreeSet<i32>,
+    /// Reported already, since when, and maybe not yet collected by their parents.
+    over: BTreeMap<i32, Instant>,
     seen: Vec<ProcessEnd>,
 }
 
@@ -127,14 +127,14 @@ impl Watched {
         self.alive.iter().map(|(pid, (fd, _))| (*pid, Arc::clone(fd))).collect()
     }
 
-    /// Takes in who is new of all that are there.
-    fn add(&mut self, there: &BTreeSet<i32>) {
-        self.over.retain(|pid| there.contains(pid));
+    /// Takes in who is new of all that were there at a look that began at that time: who ended since was not in it for sure.
+    fn add(&mut self, there: &BTreeSet<i32>, begun: Instant) {
+        self.over.retain(|pid, at| there.contains(pid) || *at >= begun);
         there.iter().for_each(|pid| self.watch(*pid));
     }
 
     fn watch(&mut self, pid: i32) {
-        if self.alive.contains_key(&pid) || self.over.contains(&pid) {
+        if self.alive.contains_key(&pid) || self.over.contains_key(&pid) {
             return;
         }
         let Some(watched) = Pid::from_raw(pid) else { return };
@@ -149,7 +149,7 @@ impl Watched {
             // Before anything else: its parent collects it any moment.
             let stat = std::fs::read(format!("/proc/{pid}/stat")).unwrap_or_default();
             let Some((fd, name)) = self.alive.remove(&pid) else { continue };
-            self.over.insert(pid);
+            self.over.insert(pid, at);
             let ended = of_zombie(&String::from_utf8_lossy(&stat)).or_else(|| of_collected(&fd));
             self.seen.push(ProcessEnd { pid, name, ended, at });
         }
@@ -182,8 +182,9 @@ impl Watch {
 
     /// Begins to watch what is new.
     fn look(&self) {
+        let begun = Instant::now();
         let there = descendants(std::process::id(), &self.spared.pids());
-        lock(&self.watcher.watched).add(&there);
+        lock(&self.watcher.watched).add(&there, begun);
     }
 
     /// Notes what ends until a time, or until there is more to watch; `true` when it is enough.
@@ -252,6 +253,24 @@ mod tests {
         assert_eq!(ends.len(), 1);
         assert_eq!(ends[0].ended, Some(Ended { exit_status: Some(3), signal: None }));
         assert!((before..=after).contains(&ends[0].at));
+    }
+
+    #[test]
+    fn who_ended_while_a_look_was_taken_is_noted_once() {
+        let mut child = Command::new("/bin/true").spawn().unwrap();
+        let pid = i32::try_from(child.id()).unwrap();
+        let mut watched = Watched::default();
+        let begun = Instant::now();
+        watched.watch(pid);
+        while ready(&watched.fds(), Instant::now() + LONGEST_REST).is_empty() {}
+        watched.note(&[pid], Instant::now());
+        // It had begun before the process was there, and the next one finds what nobody has collected.
+        watched.add(&BTreeSet::new(), begun);
+        watched.add(&BTreeSet::from([pid]), Instant::now());
+        assert!(watched.alive.is_empty());
+        child.wait().unwrap();
+        watched.add(&BTreeSet::new(), Instant::now());
+        assert!(watched.over.is_empty());
     }
 
     #[test]

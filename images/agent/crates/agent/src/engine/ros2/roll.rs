@@ -24,33 +24,12 @@ fn known(name: String, process: ProcessId) -> Known {
 
 /// Each node that has had an endpoint by now, in each of its processes, the oldest first.
 pub fn met(ledger: &Ledger) -> Vec<Known> {
-    let endpoints = endpoints(ledger);
-    let named = endpoints.iter().filter(|one| !one.node.is_empty());
+    let named = endpoints(ledger).into_iter().filter(|one| !one.node.is_empty());
     let others = named.filter(|one| !is_of_command_line(&one.node));
-    let by_start = others.map(|one| ((one.process.start, one.process), &*one.node, one.destroyed));
-    let stayed = with_endpoints(by_start);
-    let running = running(ledger);
-    let node = |(((_, process), name), has_endpoint)| Known {
-        stayed: took_no_leave(has_endpoint, running.contains(&process)),
-        ..known(str::to_owned(name), process)
-    };
-    stayed.into_iter().map(node).collect()
-}
-
-/// Each node of a process, with whether that has an endpoint of it which it has not destroyed.
-fn with_endpoints<'e, P: Ord>(
-    endpoints: impl Iterator<Item = (P, &'e str, bool)>,
-) -> BTreeMap<(P, &'e str), bool> {
-    let mut met = BTreeMap::new();
-    for (process, node, destroyed) in endpoints {
-        *met.entry((process, node)).or_default() |= !destroyed;
-    }
-    met
-}
-
-/// Who leaves in order destroys its endpoints first, and then ends.
-fn took_no_leave(has_endpoint: bool, runs: bool) -> bool {
-    has_endpoint && !runs
+    let met: BTreeSet<(String, ProcessId)> = others.map(|one| (one.node, one.process)).collect();
+    let mut met: Vec<(String, ProcessId)> = met.into_iter().collect();
+    met.sort_by_key(|(_, process)| process.start);
+    met.into_iter().map(|(name, process)| known(name, process)).collect()
 }
 
 /// Notes who is still there.
@@ -143,17 +122,6 @@ mod tests {
         let processes = now.iter().map(|pid| (node(*pid).uri, node(*pid))).collect();
         let alive = Alive::from([("/n".to_owned(), processes)]);
         roll.iter().map(|known| found(known, &roll, &alive, has_left)).collect()
-    }
-
-    #[test]
-    fn who_ended_with_an_endpoint_took_no_leave() {
-        let endpoints =
-            [(7, "/a", true), (7, "/a", false), (7, "/b", true), (8, "/a", true), (8, "/a", true)];
-        let met = with_endpoints(endpoints.into_iter());
-        let expected = [((7, "/a"), true), ((7, "/b"), false), ((8, "/a"), false)];
-        assert_eq!(met, BTreeMap::from(expected));
-        let all = [(true, false), (true, true), (false, false), (false, true)];
-        assert_eq!(all.map(|(has, runs)| took_no_leave(has, runs)), [true, false, false, false]);
     }
 
     #[test]
