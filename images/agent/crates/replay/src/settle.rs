@@ -43,7 +43,11 @@ pub(crate) fn settle(
     let mut audit = node.audit(ASK);
     let mut inner = Inner::default();
     let starved_before = startup.starved();
-    while watch.now() < deadline + (startup.starved() - starved_before).min(STARVED) {
+    loop {
+        let until = deadline + (startup.starved() - starved_before).min(STARVED);
+        if watch.now() >= until {
+            return Ok(());
+        }
         let state = discovery.look()?;
         if let Some(state) = &state {
             let name = node.name();
@@ -56,7 +60,7 @@ pub(crate) fn settle(
                 && subscribed
                 && begun(state, &discovery.expected)
                 && discovery.has_every_publisher(state)
-                && inner.stand(&promised(state, name), audit.as_mut(), deadline, watch.time())
+                && inner.stand(&promised(state, name), audit.as_mut(), until, watch.time())
             {
                 return Ok(());
             }
@@ -66,7 +70,6 @@ pub(crate) fn settle(
         deadline += stood_still(watch.now() - before);
         first_time.show(state.as_ref(), startup, player, watch)?;
     }
-    Ok(())
 }
 
 /// Whether each node that publishes one of these answers has subscribed to anything but the

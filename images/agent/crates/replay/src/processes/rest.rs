@@ -70,16 +70,20 @@ impl Look {
     }
 
     /// The part of a processor that each process has taken since an earlier look, of the time in which none of it had
-    /// to wait for one: a machine that starves a process shows nothing of its habits.
-    fn taken_since(&self, earlier: &Look) -> BTreeMap<i32, f64> {
+    /// to wait for one. A thread that a machine starved has shown nothing of that, and takes the `unseen` part.
+    fn taken_since(&self, earlier: &Look, unseen: f64) -> BTreeMap<i32, f64> {
         let passed = self.at.saturating_sub(earlier.at);
         let mut taken: BTreeMap<i32, f64> = BTreeMap::new();
-        for (thread, (demand, _)) in &self.threads {
-            let before = earlier.threads.get(thread).map(|(demand, _)| *demand).unwrap_or_default();
+        for (thread, (demand, waits)) in &self.threads {
+            let before = earlier.threads.get(thread).map(|(demand, _)| *demand);
+            // The kernel adds the time of a wait for a processor once that is over.
+            let starved = waits.is_of_the_machine() && before == Some(*demand);
+            let before = before.unwrap_or_default();
             let waited = demand.waited.saturating_sub(before.waited);
             let ran = demand.nanoseconds.saturating_sub(before.nanoseconds).saturating_sub(waited);
             let seen = passed.saturating_sub(Duration::from_nanos(waited));
-            let part = if seen < LEAST_SEEN { 0.0 } else { ran as f64 / seen.as_nanos() as f64 };
+            let seen = if starved { Duration::ZERO } else { seen };
+            let part = if seen < LEAST_SEEN { unseen } else { ran as f64 / seen.as_nanos() as f64 };
             *taken.entry(thread.0).or_default() += part;
         }
         taken
@@ -111,7 +115,7 @@ impl Look {
 impl Watch {
     /// What was usual before the first input, from two looks.
     pub(crate) fn new(first: &Look, second: Look) -> Watch {
-        let usual = second.taken_since(first);
+        let usual = second.taken_since(first, 0.0);
         Watch { usual, before: second.clone(), last: second.clone(), still: second }
     }
 
@@ -124,13 +128,13 @@ impl Watch {
     /// Whether the nodes rest. Work since the last look restarts the time of stillness, and so does
     /// a received message: a thread that sleeps after that has to wake once more.
     pub(crate) fn look(&mut self, now: Look, received: bool) -> Rest {
-        let wanted = now.wanted_since(&self.last);
+        let taken = now.taken_since(&self.last, 1.0);
         let usual = |process: &i32| self.usual.get(process).copied().unwrap_or_default();
         // Who reads a slow disk hardly needs a processor in between.
         let reads = now.threads.iter().any(|(thread, (_, waits))| {
             *waits == Waits::Disk && self.before.waits(thread) != Some(Waits::Disk)
         });
-        let works = reads || wanted.iter().any(|(process, part)| *part >= usual(process) + WORKING);
+        let works = reads || taken.iter().any(|(process, part)| *part >= usual(process) + WORKING);
         self.last = now;
         if works || received {
             self.still = self.last.clone();
