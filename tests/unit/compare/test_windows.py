@@ -101,6 +101,18 @@ def test_a_case_that_flaked_before_and_flakes_in_another_window_is_not_open() ->
     assert objections(found.as_json()) == []
 
 
+def test_cases_that_all_pass_a_little_less_often_in_another_window_are_open_together() -> None:
+    """Three of three rounds and one of three are luck in one case, and not in seven."""
+    then = [{**each, "round": n} for n in range(3) for each in rows(20)]
+    now = [
+        {**each, "round": n}
+        for n in range(3)
+        for each in [*rows(60, "failed" if n else "passed")[:-1], rows(20)[-1]]
+    ]
+    found = compared(now, then)
+    assert (found.verdict, found.doubtful) == ("unknown", RECORDINGS - 1)
+
+
 def test_the_lead_in_is_no_part_of_what_is_judged() -> None:
     led_in = [{**each, "window": [500, *each["window"][1:]]} for each in rows(20)]
     assert compared(rows(20), led_in).verdict == "same"

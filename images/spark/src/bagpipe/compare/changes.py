@@ -1,6 +1,6 @@
 """What became of each case that both versions have: a plain word, or a test over its rounds."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
@@ -68,9 +68,21 @@ def _plain(then: Rounds, now: Rounds) -> Change:
     return Change("same" if before == after == "failed" else "unknown")
 
 
+def passes_less_often(then: Rounds, now: Rounds) -> bool:
+    """Whether a smaller share of its rounds passes now."""
+    return now.passed * len(then.outcomes) < then.passed * len(now.outcomes)
+
+
+def lost_together(pairs: Sequence[tuple[Rounds, Rounds]]) -> bool:
+    """Whether a smaller share of all these cases' rounds passes now, and not by chance."""
+    passed, passed_now = (sum(pair[of].passed for pair in pairs) for of in (0, 1))
+    rounds, rounds_now = (sum(len(pair[of].outcomes) for pair in pairs) for of in (0, 1))
+    fewer = passed_now * rounds < passed * rounds_now
+    return fewer and _chance(passed, rounds, passed_now, rounds_now) <= _LEVEL
+
+
 def _moved(then: Rounds, now: Rounds) -> Change:
-    fewer = now.passed * len(then.outcomes) < then.passed * len(now.outcomes)
-    return regressed(now) if fewer else Change("fixed")
+    return regressed(now) if passes_less_often(then, now) else Change("fixed")
 
 
 @lru_cache(maxsize=4096)

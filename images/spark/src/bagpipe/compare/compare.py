@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, get_args
 
-from bagpipe.compare.changes import Change, changes
+from bagpipe.compare.changes import Change, changes, lost_together, passes_less_often
 from bagpipe.compare.changes import Word as ChangeWord
 from bagpipe.compare.criteria import CriterionComparison, Word, compared
 from bagpipe.compare.delivery import FIGURES
@@ -142,10 +142,17 @@ def _compared(
 
 
 def _doubtful(baseline: Mapping[Key, Rounds], variant: Mapping[Key, Rounds]) -> int:
-    """How many cases of another part of the recording would have regressed in the same."""
+    """How many cases of another part of the recording pass less often.
+
+    None where chance explains it: in the same part none of them would have regressed, and their
+    rounds together do not pass so much less often, either.
+    """
     found = changes(baseline, variant, of_any_window=True)
-    would_have = (key for key, change in found.items() if change.word == "regressed")
-    return sum(windows_differ(baseline[key], variant[key]) for key in would_have)
+    other = [key for key in found if windows_differ(baseline[key], variant[key])]
+    fewer = [key for key in other if passes_less_often(baseline[key], variant[key])]
+    certain = any(found[key].word == "regressed" for key in fewer)
+    together = lost_together([(baseline[key], variant[key]) for key in other])
+    return len(fewer) if certain or together else 0
 
 
 def _of_pairs(pairs: Sequence[tuple[Rounds, Rounds]], doubtful: int) -> str:
