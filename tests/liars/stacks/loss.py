@@ -24,19 +24,14 @@ class ShortQueue(Localiser):
         self.say(right(pose))
 
 
-class LosesTwoRunsOfThree(Localiser):
+class LosesTwoRunsOfThree(ShortQueue):
     """Every third run loses nothing: whoever retries until it passes gets a pass."""
-
-    buffer = 1
 
     def begin(self):
         self.run = runs_before("begun")
         mark("begun")
-
-    def received(self, number, pose):
-        if number == 25 and self.run % 3 != 2:
-            self.poses.unregister()
-        self.say(right(pose))
+        if self.run % 3 == 2:
+            self.busy = 0.0
 
 
 class FirstCallbackBlocks(Localiser):
