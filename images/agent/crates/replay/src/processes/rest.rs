@@ -13,7 +13,8 @@ use super::threads::{Demand, Waits};
 /// The part of a processor that a process wants while it works, beyond what it always wants.
 /// Timers and the reading of /clock take a few hundredths.
 pub(crate) const WORKING: f64 = 0.25;
-/// A thread that waited for a processor in all but so much of the time has not shown what is usual.
+/// A thread that waited for a processor in all but so much of the time has shown nothing, or between two looks that come
+/// sooner, in most of it.
 const LEAST_SEEN: Duration = Duration::from_millis(5);
 /// A process that wants less than this before the first input is at rest by then.
 pub(crate) const RESTING: f64 = 0.1;
@@ -82,8 +83,11 @@ impl Look {
             let waited = demand.waited.saturating_sub(before.waited);
             let ran = demand.nanoseconds.saturating_sub(before.nanoseconds).saturating_sub(waited);
             let seen = passed.saturating_sub(Duration::from_nanos(waited));
-            let seen = if starved { Duration::ZERO } else { seen };
-            let part = if seen < LEAST_SEEN { unseen } else { ran as f64 / seen.as_nanos() as f64 };
+            let part = if starved || seen < LEAST_SEEN.min(passed / 2) {
+                unseen
+            } else {
+                ran as f64 / seen.as_nanos().max(1) as f64
+            };
             *taken.entry(thread.0).or_default() += part;
         }
         taken
@@ -190,6 +194,10 @@ mod tests {
         };
         assert_eq!(works(4, 150), Rest::Working);
         assert_eq!(works(2, 198), Rest::Working, "it has not been seen at all");
+        let idle = thread(200, 0, 0);
+        let soon = Look { at: idle.at + Duration::from_millis(1), ..idle.clone() };
+        assert_eq!(soon.taken_since(&idle, 1.0), BTreeMap::from([(1, 0.0)]), "not starved");
+        assert_eq!(idle.taken_since(&idle, 1.0), BTreeMap::from([(1, 0.0)]));
         // It always takes a processor, as far as it gets one.
         assert_eq!(works(50, 150), Rest::Still);
         assert_eq!(works(200, 0), Rest::Still);
