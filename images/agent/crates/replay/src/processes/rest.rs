@@ -54,17 +54,28 @@ pub(crate) struct Watch {
 }
 
 impl Look {
+    /// What each thread has had and wanted since an earlier look, and whether it has waited for the machine all along: the
+    /// kernel adds the time of a wait for a processor once that is over.
+    fn grown_since(&self, earlier: &Look) -> impl Iterator<Item = (Thread, Demand, bool)> {
+        self.threads.iter().map(|(thread, (demand, waits))| {
+            let before = earlier.threads.get(thread).map(|(demand, _)| *demand);
+            let starved = waits.is_of_the_machine() && before == Some(*demand);
+            let before = before.unwrap_or_default();
+            let grown = Demand {
+                nanoseconds: demand.nanoseconds.saturating_sub(before.nanoseconds),
+                waited: demand.waited.saturating_sub(before.waited),
+                turns: demand.turns.saturating_sub(before.turns),
+            };
+            (*thread, grown, starved)
+        })
+    }
+
     /// The part of a processor that each process has wanted since an earlier look.
     pub(crate) fn wanted_since(&self, earlier: &Look) -> BTreeMap<i32, f64> {
         let passed = self.at.saturating_sub(earlier.at).as_nanos() as f64;
         let mut wanted: BTreeMap<i32, f64> = BTreeMap::new();
-        for (thread, (demand, waits)) in &self.threads {
-            let before = earlier.threads.get(thread).map(|(demand, _)| *demand);
-            // The kernel adds the time of a wait for a processor once that is over.
-            let starved = waits.is_of_the_machine() && before == Some(*demand);
-            let before = before.unwrap_or_default().nanoseconds;
-            let grown = demand.nanoseconds.saturating_sub(before) as f64;
-            let grown = if starved { passed } else { grown };
+        for (thread, grown, starved) in self.grown_since(earlier) {
+            let grown = if starved { passed } else { grown.nanoseconds as f64 };
             *wanted.entry(thread.0).or_default() += if passed > 0.0 { grown / passed } else { 0.0 };
         }
         wanted
@@ -75,14 +86,9 @@ impl Look {
     fn taken_since(&self, earlier: &Look, unseen: f64) -> BTreeMap<i32, f64> {
         let passed = self.at.saturating_sub(earlier.at);
         let mut taken: BTreeMap<i32, f64> = BTreeMap::new();
-        for (thread, (demand, waits)) in &self.threads {
-            let before = earlier.threads.get(thread).map(|(demand, _)| *demand);
-            // The kernel adds the time of a wait for a processor once that is over.
-            let starved = waits.is_of_the_machine() && before == Some(*demand);
-            let before = before.unwrap_or_default();
-            let waited = demand.waited.saturating_sub(before.waited);
-            let ran = demand.nanoseconds.saturating_sub(before.nanoseconds).saturating_sub(waited);
-            let seen = passed.saturating_sub(Duration::from_nanos(waited));
+        for (thread, grown, starved) in self.grown_since(earlier) {
+            let seen = passed.saturating_sub(Duration::from_nanos(grown.waited));
+            let ran = grown.nanoseconds.saturating_sub(grown.waited);
             let part = if starved || seen < LEAST_SEEN.min(passed / 2) {
                 unseen
             } else {
