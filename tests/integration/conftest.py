@@ -5,7 +5,7 @@ import signal
 import subprocess
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -69,7 +69,9 @@ def start_agent(agent_binary: Path, tmp_path: Path) -> Iterator[Callable[..., Ru
     started: list[RunningAgent] = []
     ports = ExitStack()
 
-    def start(slots: int = 1, path: str | None = None, *options: str) -> RunningAgent:
+    def start(
+        slots: int = 1, path: str | None = None, *options: str, below: Sequence[str] = ()
+    ) -> RunningAgent:
         shared = tmp_path / f"shared{len(started)}"
         shared.mkdir()
         log = tmp_path / f"agent{len(started)}.log"
@@ -78,7 +80,16 @@ def start_agent(agent_binary: Path, tmp_path: Path) -> Iterator[Callable[..., Ru
         environment["PATH"] = path or "/usr/lib/robot_state_publisher:/usr/bin:/bin"
         # What ROS writes in a case whose slot is killed stays with the test.
         environment["TMPDIR"] = str(tmp_path)
-        command = [str(agent_binary), "serve", "--shared", str(shared), "--slots", str(slots)]
+        # A command that becomes the one behind it.
+        command = [
+            *below,
+            str(agent_binary),
+            "serve",
+            "--shared",
+            str(shared),
+            "--slots",
+            str(slots),
+        ]
         port = ports.enter_context(master_ports(slots))
         with log.open("wb") as output:
             process = subprocess.Popen(

@@ -19,6 +19,7 @@ _Atomic uint32_t attach_entry = NO_PROCESS;
 
 static char path[PATH_MAX];
 static bool refused; /* under the lock: there is no ledger, or no room in it */
+static bool notes_exit; /* under the lock; a child has its parent's handlers */
 
 void attach_begin(void (*in_child)(void)) {
   const char *named = getenv("BAGPIPE_LEDGER");
@@ -82,6 +83,17 @@ static struct identity identity(void) {
   return (struct identity){start, number(&at, 6)};
 }
 
+/* Called by exit(), before what was registered earlier and before destructors: once a parent has collected a
+ * process, a kernel before Linux 6.15 shows its status to nobody. A child that was made without fork() has its
+ * parent's entry, and another number. */
+static void note_exit(int status, void *unused) {
+  (void)unused;
+  uint32_t entry;
+  struct ledger *ledger = attached(&entry);
+  if (ledger == NULL || ledger->process[entry].pid != (uint32_t)getpid()) return;
+  atomic_store(&ledger->process[entry].exit_status, LEDGER_EXITED | ((uint32_t)status & 0xff));
+}
+
 /* Takes an entry of the table of processes. A program that was executed has the number and the
  * start time of the one before it, whose endpoints are no more. */
 static uint32_t claim_process(struct ledger *ledger) {
@@ -103,6 +115,7 @@ static uint32_t claim_process(struct ledger *ledger) {
       atomic_store(&process->others_started, 0);
       atomic_store(&process->others_ended, 0);
       atomic_store(&process->machine_timers, 0);
+      atomic_store(&process->exit_status, 0);
       atomic_store(&process->state, PROCESS_LIVE);
       mine = entry;
     }
@@ -121,6 +134,7 @@ bool attach(void (*begin)(void)) {
     begin();
     mine = claim_process(ledger);
     if (mine == NO_PROCESS) atomic_fetch_add(&ledger->header.unlisted_processes, 1);
+    if (mine != NO_PROCESS && !notes_exit) notes_exit = on_exit(note_exit, NULL) == 0;
   }
   refused = mine == NO_PROCESS;
   atomic_store(&attach_entry, mine);

@@ -5,10 +5,11 @@
 #include <stdint.h>
 
 #define LEDGER_MAGIC 0x3152444c50474142ull /* "BAGPLDR1" */
-#define LEDGER_VERSION 9u
+#define LEDGER_VERSION 10u
 #define LEDGER_PROCESSES 512u
 #define LEDGER_ENDPOINTS 4096u
 #define LEDGER_NAME_BYTES 256u
+#define LEDGER_EXITED 256u /* beside the 8 bits that a parent is given of a status */
 #define LEDGER_OWN 4096u /* a power of two, of which half are used at the most */
 
 /* What somebody may wait for: an index into `wanted`. */
@@ -66,7 +67,8 @@ struct ledger_process {
   _Atomic uint64_t others_ended;
   _Atomic uint64_t stack; /* where it begins: field 28, which exec changes */
   _Atomic uint64_t machine_timers; /* calls of timers that go by the machine's clock */
-  _Atomic uint32_t reserved_words[2];
+  _Atomic uint32_t exit_status; /* that it calls exit() with, and LEDGER_EXITED; 0: not seen */
+  _Atomic uint32_t reserved_word;
 };
 
 struct ledger_endpoint {

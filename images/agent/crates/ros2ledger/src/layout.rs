@@ -5,10 +5,12 @@ use std::sync::atomic::{AtomicI64, AtomicU8, AtomicU32, AtomicU64};
 
 /// `BAGPLDR1`.
 pub(crate) const MAGIC: u64 = 0x3152_444c_5047_4142;
-pub(crate) const VERSION: u32 = 9;
+pub(crate) const VERSION: u32 = 10;
 pub(crate) const PROCESSES: usize = 512;
 pub(crate) const ENDPOINTS: usize = 4096;
 pub(crate) const NAME_BYTES: usize = 256;
+/// Beside the 8 bits that a parent is given of a status.
+pub(crate) const EXITED: u32 = 256;
 pub(crate) const OWN: usize = 4096;
 pub(crate) const EVENTS: usize = 6;
 
@@ -67,7 +69,8 @@ pub(crate) struct ProcessEntry {
     pub(crate) others_ended: AtomicU64,
     pub(crate) stack: AtomicU64,
     pub(crate) machine_timers: AtomicU64,
-    pub(crate) reserved_words: [AtomicU32; 2],
+    pub(crate) exit_status: AtomicU32,
+    pub(crate) reserved_word: AtomicU32,
 }
 
 #[repr(C)]
@@ -146,7 +149,7 @@ mod tests {
             listings: u32, own_published: u32, flow: u32, reserved_wanted: [u32; 5]);
         all.extend(fields!(ProcessEntry, "ledger_process", pid: u32, state: u32, start: u64,
             unlisted_endpoints: u32, spinners: u32, others_started: u64, others_ended: u64,
-            stack: u64, machine_timers: u64, reserved_words: [u32; 2]));
+            stack: u64, machine_timers: u64, exit_status: u32, reserved_word: u32));
         all.extend(
             fields!(EndpointSlot, "ledger_endpoint", state: u32, generation: u32, kind: u32,
             flags: u32, history: u32, reliability: u32, durability: u32, thread: u32, depth: u64,
@@ -169,6 +172,7 @@ mod tests {
             ("LEDGER_PROCESSES", PROCESSES as u64),
             ("LEDGER_ENDPOINTS", ENDPOINTS as u64),
             ("LEDGER_NAME_BYTES", NAME_BYTES as u64),
+            ("LEDGER_EXITED", EXITED.into()),
             ("LEDGER_OWN", OWN as u64),
             ("EVENTS", EVENTS as u64),
             ("PHASE_FREE", PHASE_FREE.into()),

@@ -8,8 +8,9 @@ use std::sync::atomic::Ordering::SeqCst;
 
 use crate::endpoint::{self, Wrong};
 use crate::layout::{
-    ENDPOINTS, EndpointSlot, Layout, OWNER_SHIFT, PHASE_CLAIMED, PHASE_DESTROYED, PHASE_FREE,
-    PHASE_LIVE, PROCESS_FREE, PROCESS_LIVE, PROCESS_REPLACED, PROCESSES, ProcessEntry, phase,
+    ENDPOINTS, EXITED, EndpointSlot, Layout, OWNER_SHIFT, PHASE_CLAIMED, PHASE_DESTROYED,
+    PHASE_FREE, PHASE_LIVE, PROCESS_FREE, PROCESS_LIVE, PROCESS_REPLACED, PROCESSES, ProcessEntry,
+    phase,
 };
 use crate::memory::Memory;
 use crate::process::{is_alive, is_asleep, uses_ros2};
@@ -237,6 +238,7 @@ impl Ledger {
         }
         let spinners = process.spinners.load(SeqCst);
         let machine_timers = process.machine_timers.load(SeqCst);
+        let exit_status = self.exit_status(process)?;
         let alive = false;
         Ok(Some(Process {
             id,
@@ -246,7 +248,20 @@ impl Ledger {
             others_started,
             others_ended,
             machine_timers,
+            exit_status,
         }))
+    }
+
+    fn exit_status(&self, process: &ProcessEntry) -> Result<Option<u8>, LedgerError> {
+        let noted = process.exit_status.load(SeqCst);
+        match (noted.checked_sub(EXITED).map(u8::try_from), noted) {
+            (Some(Ok(status)), _) => Ok(Some(status)),
+            (None, 0) => Ok(None),
+            _ => {
+                let at = std::mem::offset_of!(ProcessEntry, exit_status);
+                Err(self.damaged(process, (at, format!("{noted} is no exit status"))))
+            }
+        }
     }
 
     /// Whether this program runs: its process does, and has become no other one.

@@ -32,6 +32,9 @@ pub struct Process {
     /// Calls of timers that go by the machine's clock, whatever time the process is shown: wall timers,
     /// and those of ROS' time where nobody simulates it. Not those of a process without an endpoint yet.
     pub machine_timers: u64,
+    /// What it has called exit(3) with by now, of which a parent is given 8 bits: what it ends with, unless it breaks
+    /// on its way out.
+    pub exit_status: Option<u8>,
 }
 
 /// How far a delivery to an endpoint is proved; the stronger is the greater.

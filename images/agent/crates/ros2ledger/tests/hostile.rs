@@ -41,9 +41,11 @@ fn damage(ledger: &Ledger) -> (u64, String) {
 fn what_can_not_be_is_refused_with_the_place_where_it_stands() {
     let (ledger, _node, file) = filled();
     let slot = ENDPOINTS;
-    let whole: [(u64, Vec<u8>, u64, &str); 14] = [
+    let whole: [(u64, Vec<u8>, u64, &str); 16] = [
         (PROCESSES + 4, vec![9], PROCESSES + 4, "9 is no state of a process"),
         (PROCESSES + 32, vec![4], PROCESSES + 32, "4 ends of 0 starts"),
+        (PROCESSES + 56, vec![3], PROCESSES + 56, "3 is no exit status"),
+        (PROCESSES + 56, vec![0, 2], PROCESSES + 56, "512 is no exit status"),
         (slot, vec![77], slot, "77 is no phase of an endpoint"),
         (slot + 1, vec![200, 1], slot, "process 456 has it, which there is not"),
         (slot + 1, vec![255, 255, 255], slot, "process 16777215 has it, which there is not"),

@@ -3,6 +3,7 @@
 
 mod standin;
 
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::Write;
 use std::os::fd::AsRawFd;
@@ -335,6 +336,47 @@ fn a_child_counts_for_itself_and_never_for_its_parent() {
     // The parent goes on.
     node.obey(&["spin / 1"]);
     assert_eq!(subscription(&ledger, "/scan").counts.ended, 3);
+    // So is how it ends its own, and a child that has created nothing ends for nobody.
+    let processes = ledger.processes().unwrap();
+    let statuses = processes.iter().map(|one| (one.id.pid, one.exit_status));
+    assert_eq!(statuses.collect::<BTreeMap<_, _>>(), [(node.pid(), None), (pid, Some(4))].into());
+}
+
+#[test]
+fn what_a_program_ends_with_is_what_it_gives_exit_and_nothing_of_one_that_gives_it_the_kernel() {
+    for client in [Client::Rclcpp, Client::Component, Client::Rclpy] {
+        for (way, expected) in [
+            ("exit / 3", Some(3)),
+            ("exit / 0", Some(0)),
+            // As its parent gets it.
+            ("exit / 259", Some(3)),
+            ("_exit / 3", None),
+            ("abort", None),
+        ] {
+            let ledger = Ledger::new().unwrap();
+            let mut node = Node::start(client, &ledger);
+            node.obey(&["sub /scan 10"]);
+            assert_eq!(only_process(&ledger).exit_status, None);
+            node.send(way);
+            assert_eq!(node.answer(), "");
+            assert_eq!(only_process(&ledger).exit_status, expected, "{client:?} {way}");
+            ledger.retire().unwrap();
+        }
+    }
+}
+
+#[test]
+fn a_program_that_has_the_entry_of_one_before_has_not_its_end() {
+    let ledger = Ledger::new().unwrap();
+    let mut first = Node::start(Client::Rclcpp, &ledger);
+    first.obey(&["sub /scan 10"]);
+    first.send("exit / 3");
+    assert_eq!(first.answer(), "");
+    first.kill();
+    ledger.retire().unwrap();
+    let mut node = Node::start(Client::Rclcpp, &ledger);
+    node.obey(&["sub /scan 10"]);
+    assert_eq!(only_process(&ledger).exit_status, None);
 }
 
 #[test]

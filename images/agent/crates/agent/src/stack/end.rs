@@ -1,5 +1,7 @@
 //! How a stack ended, as RESULT has it.
 
+use std::time::Instant;
+
 use bagpipe_wire::Abort;
 use serde::{Deserialize, Serialize};
 
@@ -72,6 +74,13 @@ impl StackEnd {
         };
         self.ended = facts.evidence();
         self.left = facts.left();
+    }
+
+    /// Adds how processes failed of which the kernel does not say it, by what they noted themselves before they ended.
+    pub fn complete(&mut self, exit_status: impl Fn(i32, Instant) -> Option<i32>) {
+        for end in self.before.iter_mut().chain(&mut self.after) {
+            end.complete(exit_status(end.pid, end.at));
+        }
     }
 
     /// Forgets what a job allows: it is no reason for anything else.

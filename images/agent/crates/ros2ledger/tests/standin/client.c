@@ -277,6 +277,9 @@ static void *storm(void *calls) {
 }
 
 static void answer_fork(void) {
+  int nobody = fork();
+  if (nobody == 0) exit(9);
+  waitpid(nobody, NULL, 0);
   int child = fork();
   if (child == 0) {
     /* What was its parent's, then an endpoint of its own, which has its parent's address. */
@@ -293,7 +296,7 @@ static void answer_fork(void) {
     spin(NULL);
     printf("child %d took %llu called %llu\n", getpid(), (unsigned long long)own->taken,
            (unsigned long long)own->called);
-    _exit(0);
+    exit(4);
   }
   waitpid(child, NULL, 0);
 }
@@ -474,6 +477,8 @@ static void obey(char **argv, const char *verb, const char *topic, uint64_t n, c
     printf("%ld\n", (long)syscall(SYS_gettid));
     return;
   } else if (!strcmp(verb, "exec")) execv(argv[0], argv);
+  else if (!strcmp(verb, "exit")) exit((int)n);
+  else if (!strcmp(verb, "_exit")) _exit((int)n);
   else abort();
   printf("done\n");
 }

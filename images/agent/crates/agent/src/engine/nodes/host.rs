@@ -95,6 +95,12 @@ pub trait Host {
     /// What has become of each.
     fn look(&self, roll: &[Known]) -> Result<Vec<Found>, Failure>;
 
+    /// What a process gave exit(3) that had ended by this moment, where the kernel does not say how it ended and a node
+    /// notes it itself.
+    fn exit_status(&self, _pid: i32, _at: Instant) -> Option<i32> {
+        None
+    }
+
     /// How the program ended by itself that nodes need to find each other, if it has.
     fn ended(&self, _children: &mut Children) -> Option<Ended> {
         None

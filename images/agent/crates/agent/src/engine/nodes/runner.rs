@@ -82,6 +82,7 @@ impl Runner<'_> {
         let mut stack = self.end_everything(program);
         if let Ok((Some(stack), _)) = &mut stack {
             let command = &self.case.stack.command;
+            stack.complete(|pid, at| self.host.exit_status(pid, at));
             stack.judge(command, nodes, &self.course.borrow(), played.is_ok());
         }
         timings.stop = begun.elapsed().as_secs_f64();

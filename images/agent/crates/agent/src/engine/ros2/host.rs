@@ -4,6 +4,7 @@ use std::cell::RefCell;
 use std::ffi::{OsStr, OsString};
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::time::Instant;
 
 use bagpipe_graph::Middleware;
 use bagpipe_log::RecordingFormat;
@@ -228,6 +229,10 @@ impl Host for Ros2Host<'_> {
     fn note_stayed(&self, known: &mut [Known]) -> Result<(), Failure> {
         roll::note_stayed(&self.ledger, known);
         Ok(())
+    }
+
+    fn exit_status(&self, pid: i32, at: Instant) -> Option<i32> {
+        roll::exit_status(&self.ledger, pid, at)
     }
 
     fn look(&self, known: &[Known]) -> Result<Vec<Found>, Failure> {

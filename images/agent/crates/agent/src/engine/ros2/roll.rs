@@ -92,6 +92,15 @@ fn endpoints(ledger: &Ledger) -> Vec<Endpoint> {
     ledger.endpoints().unwrap_or_default()
 }
 
+/// What the last program of a process gave exit(3) that had begun by this moment.
+pub fn exit_status(ledger: &Ledger, pid: i32, at: Instant) -> Option<i32> {
+    let processes = ledger.processes().unwrap_or_default();
+    let of_it = processes.iter().filter(|one| i32::try_from(one.id.pid) == Ok(pid));
+    let had_begun = of_it.filter(|one| began(one.id).is_some_and(|began| began <= at));
+    let last = had_begun.max_by_key(|one| (one.id.start, one.exit_status.is_some()))?;
+    last.exit_status.map(i32::from)
+}
+
 /// When a process began, by the clock that counts also while the machine sleeps (proc(5), starttime).
 fn began(process: ProcessId) -> Option<Instant> {
     let since_start = clock_gettime(ClockId::Boottime);
