@@ -178,7 +178,9 @@ recording: preflight ## Fetch the real recording that the tests play
 
 # Else what another checkout has built there would be taken for this one's.
 CLAIM = @python3 images/build/claim.py "$(BAGPIPE_CACHE)/cargo-debug"
-TEST_AGENT := env -u MAKEFLAGS -u MFLAGS -C images/agent CARGO_TARGET_DIR="$(BAGPIPE_CACHE)/cargo-debug" cargo test --locked --workspace
+# Its tests wait for nodes and players: two at once leave the processors idle.
+TEST_AGENT := env -u MAKEFLAGS -u MFLAGS -C images/agent \
+  RUST_TEST_THREADS=$(shell echo $$(($(PROCESSORS) * 2 + 1))) CARGO_TARGET_DIR="$(BAGPIPE_CACHE)/cargo-debug" cargo test --locked --workspace
 
 .PHONY: test-agent
 test-agent: preflight-all

@@ -14,7 +14,7 @@ use standin::{Client, Middleware, Node, built_over};
 const SETTINGS: &str = "<CycloneDDS><Domain><General><Interfaces>\
     <NetworkInterface name=\"lo\" multicast=\"false\"/></Interfaces><AllowMulticast>false\
     </AllowMulticast></General><Discovery><Tag>bagpipe-PID</Tag>\
-    <ParticipantIndex>auto</ParticipantIndex><Peers>\
+    <ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>119</MaxAutoParticipantIndex><Peers>\
     <Peer address=\"127.0.0.1\"/></Peers></Discovery></Domain></CycloneDDS>";
 
 fn start(client: Client, ledger: &Ledger) -> Node {
