@@ -21,6 +21,8 @@ const SETTLE: Duration = Duration::from_secs(2);
 const STARVED: Duration = Duration::from_secs(6);
 /// The deadline of a question to a node; roscpp and rospy answer within milliseconds.
 const ASK: Duration = Duration::from_secs(1);
+/// Who is gone is known to be sooner: its socket refuses, or its master does not know it.
+const PROMPT: Duration = Duration::from_millis(500);
 /// Where every node publishes, and what no answer is made of.
 const LOGS: [&str; 2] = ["/rosout", "/rosout_agg"];
 
@@ -28,7 +30,7 @@ const LOGS: [&str; 2] = ["/rosout", "/rosout_agg"];
 /// of: several nodes may subscribe to one topic, the recorder must be connected to every
 /// publisher, and a node that passes an input on before the next one is connected loses it
 /// without a trace. At most 2 s, in which a machine that stands still does not count, and not an
-/// error: a registration may be a dead node's, a node may work without end, and one that answers
+/// error: a registration may be a dead node's, a node may work or hang without end, and one that answers
 /// may be moved by something else than topics. Nor does the time in which a node had no processor, up to 6 s
 /// of it: what goes out before that one is connected is lost to it.
 pub(crate) fn settle(
@@ -110,7 +112,7 @@ fn promised(state: &SystemState, ourselves: &str) -> BTreeMap<String, BTreeSet<L
 #[derive(Default)]
 struct Inner {
     standing: BTreeMap<String, BTreeSet<Link>>,
-    /// Nodes that don't answer; asking them again would only use the time up.
+    /// Nodes that nobody answers for: they are gone.
     mute: BTreeSet<String>,
 }
 
@@ -123,25 +125,26 @@ impl Inner {
         deadline: Instant,
         time: &Time,
     ) -> bool {
+        let mut all_answer = true;
         for (node, links) in promised {
             if self.holds(node, links) {
                 continue;
             }
-            if time.now() >= deadline {
+            let asked = time.now();
+            if asked >= deadline {
                 return false;
             }
             match audit.subscribers(node) {
-                Ok(standing) => self.standing.insert(node.clone(), standing),
-                Err(_) => {
-                    self.mute.insert(node.clone());
-                    continue;
-                }
-            };
-            if !self.holds(node, links) {
+                Ok(standing) => _ = self.standing.insert(node.clone(), standing),
+                // It computes, or has no processor, and is asked again.
+                Err(_) if time.now() - asked >= PROMPT => all_answer = false,
+                Err(_) => _ = self.mute.insert(node.clone()),
+            }
+            if self.standing.contains_key(node) && !self.holds(node, links) {
                 return false;
             }
         }
-        true
+        all_answer
     }
 
     fn holds(&self, node: &str, links: &BTreeSet<Link>) -> bool {
@@ -152,7 +155,10 @@ impl Inner {
 
 #[cfg(test)]
 mod tests {
+    use bagpipe_graph::{GraphError, Received};
+
     use super::*;
+    use crate::time::ByHand;
 
     fn named(topics: &[(&str, &[&str])]) -> BTreeMap<String, Vec<String>> {
         let nodes = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect();
@@ -194,5 +200,60 @@ mod tests {
             ("/both".to_owned(), BTreeSet::from([link("/second")])),
         ]);
         assert_eq!(promised(&state, "/us"), expected);
+    }
+
+    /// Answers each question after so long with what stands, or not at all.
+    struct Answers<'a> {
+        time: &'a Time,
+        script: Vec<(Duration, Option<Link>)>,
+    }
+
+    impl Audit for Answers<'_> {
+        fn ask(
+            &mut self,
+            _: &str,
+            _: &BTreeMap<String, Vec<u64>>,
+        ) -> Result<BTreeMap<(String, u64), Received>, GraphError> {
+            unreachable!("nobody asks what was received")
+        }
+
+        fn pid(&mut self, _: &str) -> Result<i32, GraphError> {
+            unreachable!("nobody asks for processes")
+        }
+
+        fn subscribers(&mut self, _: &str) -> Result<BTreeSet<Link>, GraphError> {
+            let (after, answer) = self.script.remove(0);
+            self.time.sleep(after);
+            let source = "nobody answers".into();
+            let silent = GraphError { reason: "RosMasterFailed", what: "asking", source };
+            answer.map(|link| BTreeSet::from([link])).ok_or(silent)
+        }
+    }
+
+    /// What each look at a node's connection finds, with these answers one after the other, and how many of them
+    /// were asked for.
+    fn looks(script: &[(u64, bool)]) -> (Vec<bool>, usize) {
+        let time = Time::ByHand(ByHand::new());
+        let link = || ("/mid".to_owned(), "/second".to_owned());
+        let script = script
+            .iter()
+            .map(|(ms, answers)| (Duration::from_millis(*ms), answers.then(link)))
+            .collect::<Vec<_>>();
+        let all = script.len();
+        let mut answers = Answers { time: &time, script };
+        let promised = BTreeMap::from([("/first".to_owned(), BTreeSet::from([link()]))]);
+        let (mut inner, deadline) = (Inner::default(), time.now() + SETTLE);
+        let mut look = || inner.stand(&promised, &mut answers, deadline, &time);
+        let looks = vec![look(), look(), look()];
+        (looks, all - answers.script.len())
+    }
+
+    #[test]
+    fn who_is_too_busy_to_answer_is_asked_again_and_who_is_gone_is_not() {
+        assert_eq!(looks(&[(3, true)]), (vec![true; 3], 1));
+        assert_eq!(looks(&[(3, false)]), (vec![true; 3], 1));
+        assert_eq!(looks(&[(1000, false), (3, true)]), (vec![false, true, true], 2));
+        // Not longer than until the deadline.
+        assert_eq!(looks(&[(1000, false), (1000, false)]), (vec![false; 3], 2));
     }
 }
