@@ -5,6 +5,7 @@ stand-in over Debian's Cyclone DDS) and nodes in processes of their own.
 import copy
 import hashlib
 import re
+import shlex
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -135,6 +136,26 @@ def test_a_node_that_aborts_has_crashed(
         spec(ros2_standin.environment(standin), {"mode": "max"}, command), folders, start_agent()
     )
     assert (row["outcome"], row["reason"]) == ("failed", "StackCrashed"), row
+
+
+def test_nodes_that_fail_too_soon_to_be_seen_are_known_by_what_they_noted(
+    folders: dict[str, str], standin: Path, start_agent: Callable[..., RunningAgent]
+) -> None:
+    # Between two looks at all processes, which come every 10 ms at first and every 100 ms later.
+    names = [f"/brief{number}" for number in range(6)]
+    brief = [
+        shlex.join(relay(standin, "--name", name, "--fails-with", "3")) + "; sleep 0.3"
+        for name in names
+    ]
+    script = "; ".join(["sleep 0.5", *brief, "exec " + shlex.join(relay(standin))])
+    row = run(
+        spec(ros2_standin.environment(standin), {"mode": "max"}, ["sh", "-c", script]),
+        folders,
+        start_agent(),
+    )
+    assert (row["outcome"], row["reason"]) == ("failed", "StackCrashed"), row
+    ended = row["result"]["stack"]["ended"]
+    assert [(one["name"], one["exit_status"]) for one in ended] == [(name, 3) for name in names]
 
 
 @pytest.mark.usefixtures("soon_given_up")

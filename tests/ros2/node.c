@@ -303,6 +303,7 @@ int serve(int argc, char **argv) {
   set = rmw_create_wait_set(&context, MOST);
   clock_set = rmw_create_wait_set(&context, 2);
   create_endpoints();
+  if (asked.fails_with != 0) exit(asked.fails_with);
   connect_relays();
   life_begins();
   sleep_us(asked.spins_late_us);

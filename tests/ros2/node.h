@@ -43,7 +43,7 @@ struct asked {
     char from[256], into[256];
     enum work work;
   } relay[MOST];
-  int relays, threads;
+  int relays, threads, fails_with;
   bool sim_time, overlaps;
   int timer; /* the clock of the timer by which it publishes, or 0: a thread does */
   uint64_t delay_us, spins_late_us, first_us, die_after, drop_every, renew_every, apart_us, answers, burst, every_us,

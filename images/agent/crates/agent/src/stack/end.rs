@@ -1,11 +1,12 @@
 //! How a stack ended, as RESULT has it.
 
-use std::time::Instant;
+use std::collections::BTreeSet;
 
 use bagpipe_wire::Abort;
 use serde::{Deserialize, Serialize};
 
 use crate::stack::evidence::{Cause, Facts, Moment, StackEnded};
+use crate::stack::exit_code::{Exit, failure};
 use crate::stack::nodes::Nodes;
 use crate::stack::usage::Usage;
 use crate::stack::witness::ProcessEnd;
@@ -76,11 +77,21 @@ impl StackEnd {
         self.left = facts.left();
     }
 
-    /// Adds how processes failed of which the kernel does not say it, by what they noted themselves before they ended.
-    pub fn complete(&mut self, exit_status: impl Fn(i32, Instant) -> Option<i32>) {
+    /// Adds how processes failed by what they noted themselves: of those that the kernel says nothing of, and of those
+    /// that lived too short to be seen. `before` are what was noted when nobody had been asked to end.
+    pub fn complete(&mut self, before: &[Exit], all: &[Exit]) {
         for end in self.before.iter_mut().chain(&mut self.after) {
-            end.complete(exit_status(end.pid, end.at));
+            end.ended = end.ended.or_else(|| failure(all, end.pid, end.at));
         }
+        let seen: BTreeSet<i32> =
+            self.before.iter().chain(&self.after).map(|end| end.pid).collect();
+        let unseen = before.iter().filter(|exit| !seen.contains(&exit.pid));
+        // It was short, so that its beginning is as good as its end.
+        self.before.extend(unseen.filter_map(|exit| {
+            let ended = Some(exit.failure()?);
+            Some(ProcessEnd { pid: exit.pid, name: String::new(), ended, at: exit.began })
+        }));
+        self.before.sort_by_key(|end| end.at);
     }
 
     /// Forgets what a job allows: it is no reason for anything else.

@@ -1,10 +1,33 @@
 //! How a process ended that is somebody else's child.
 
 use std::os::fd::OwnedFd;
+use std::time::Instant;
 
 use rustix::ioctl::{Opcode, Updater, ioctl, opcode};
 
 use crate::stack::processes::Ended;
+
+/// What a process gave exit(3), as it noted itself.
+#[derive(Debug, Clone, Copy)]
+pub struct Exit {
+    pub pid: i32,
+    pub began: Instant,
+    pub status: Option<i32>,
+}
+
+impl Exit {
+    /// How it failed, if it did. That it noted 0 does not show how it ended: it may have broken behind that.
+    pub fn failure(&self) -> Option<Ended> {
+        let failed = self.status.filter(|status| *status != 0);
+        failed.map(|_| Ended { exit_status: failed, signal: None })
+    }
+}
+
+/// How the last program of a process failed that had begun by the time at which it ended.
+pub fn failure(exits: &[Exit], pid: i32, at: Instant) -> Option<Ended> {
+    let of_it = exits.iter().filter(|exit| exit.pid == pid && exit.began <= at);
+    of_it.max_by_key(|exit| (exit.began, exit.status.is_some()))?.failure()
+}
 
 /// How a zombie ended, by its line of /proc/PID/stat (proc(5), fields 3 and 52).
 pub fn of_zombie(stat: &str) -> Option<Ended> {
@@ -55,10 +78,34 @@ fn ended(code: i32) -> Ended {
 #[cfg(test)]
 mod tests {
     use std::process::Command;
+    use std::time::Duration;
 
     use rustix::process::{Pid, PidfdFlags, pidfd_open};
 
     use super::*;
+
+    #[test]
+    fn a_process_failed_by_what_its_last_program_noted_and_no_other_s_number() {
+        let zero = Instant::now();
+        let exit = |pid, began: u64, status| Exit {
+            pid,
+            began: zero + Duration::from_secs(began),
+            status,
+        };
+        let exits =
+            [exit(7, 1, Some(3)), exit(7, 5, Some(4)), exit(8, 1, Some(0)), exit(9, 1, None)];
+        let status = |pid, at| {
+            let ended = failure(&exits, pid, zero + Duration::from_secs(at));
+            ended.map(|ended| (ended.exit_status, ended.signal))
+        };
+        assert_eq!(status(7, 0), None);
+        assert_eq!(status(7, 4), Some((Some(3), None)));
+        assert_eq!(status(7, 5), Some((Some(4), None)));
+        assert_eq!([status(8, 9), status(9, 9), status(10, 9)], [None; 3]);
+        // A program that became another one by exec has noted nothing.
+        let became = [exit(7, 1, Some(3)), exit(7, 1, None)];
+        assert!(failure(&became, 7, zero + Duration::from_secs(2)).is_some());
+    }
 
     #[test]
     fn a_zombies_line_says_how_it_ended() {

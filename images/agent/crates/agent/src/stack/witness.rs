@@ -39,15 +39,6 @@ pub struct ProcessEnd {
     pub at: Instant,
 }
 
-impl ProcessEnd {
-    /// Adds the status that the process noted for itself before it ended. That it was 0 does not show how it ended: it may
-    /// have broken behind that.
-    pub fn complete(&mut self, noted: Option<i32>) {
-        let failed = noted.filter(|status| *status != 0);
-        self.ended = self.ended.or(failed.map(|_| Ended { exit_status: failed, signal: None }));
-    }
-}
-
 /// Watches everything below this process.
 #[derive(Debug)]
 pub struct Witness {
@@ -262,23 +253,6 @@ mod tests {
         assert_eq!(ends.len(), 1);
         assert_eq!(ends[0].ended, Some(Ended { exit_status: Some(3), signal: None }));
         assert!((before..=after).contains(&ends[0].at));
-    }
-
-    #[test]
-    fn a_status_that_was_noted_counts_where_it_shows_a_failure_that_nobody_else_knows() {
-        let status = |status| Ended { exit_status: Some(status), signal: None };
-        let signal = Ended { exit_status: None, signal: Some(11) };
-        let complete = |ended: Option<Ended>, noted: Option<i32>| {
-            let at = Instant::now();
-            let mut end = ProcessEnd { pid: 7, name: String::new(), ended, at };
-            end.complete(noted);
-            end.ended
-        };
-        assert_eq!(complete(None, Some(3)), Some(status(3)));
-        assert_eq!(complete(None, Some(0)), None);
-        assert_eq!(complete(None, None), None);
-        assert_eq!(complete(Some(signal), Some(3)), Some(signal));
-        assert_eq!(complete(Some(status(0)), Some(3)), Some(status(0)));
     }
 
     #[test]

@@ -11,6 +11,7 @@ use rustix::process::Pid;
 
 use crate::case::failure::Failure;
 use crate::stack::end::StackEnd;
+use crate::stack::exit_code::Exit;
 use crate::stack::nodes::{Found, Known};
 use crate::stack::processes::{Children, Ended};
 use crate::stack::witness::Watcher;
@@ -95,10 +96,9 @@ pub trait Host {
     /// What has become of each.
     fn look(&self, roll: &[Known]) -> Result<Vec<Found>, Failure>;
 
-    /// What a process gave exit(3) that had ended by this moment, where the kernel does not say how it ended and a node
-    /// notes it itself.
-    fn exit_status(&self, _pid: i32, _at: Instant) -> Option<i32> {
-        None
+    /// What nodes' processes have noted themselves of their ends by now.
+    fn exits(&self) -> Vec<Exit> {
+        Vec::new()
     }
 
     /// How the program ended by itself that nodes need to find each other, if it has.

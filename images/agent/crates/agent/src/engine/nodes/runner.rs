@@ -79,10 +79,11 @@ impl Runner<'_> {
             Err(Failure::Silent(_)) => Nodes::default(),
             _ => Nodes { there: self.look_at_nodes(), before: self.before_the_play() },
         };
+        let exits = self.host.exits();
         let mut stack = self.end_everything(program);
         if let Ok((Some(stack), _)) = &mut stack {
             let command = &self.case.stack.command;
-            stack.complete(|pid, at| self.host.exit_status(pid, at));
+            stack.complete(&exits, &self.host.exits());
             stack.judge(command, nodes, &self.course.borrow(), played.is_ok());
         }
         timings.stop = begun.elapsed().as_secs_f64();

@@ -4,7 +4,6 @@ use std::cell::RefCell;
 use std::ffi::{OsStr, OsString};
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::Instant;
 
 use bagpipe_graph::Middleware;
 use bagpipe_log::RecordingFormat;
@@ -25,6 +24,7 @@ use crate::engine::ros2::{environment, parameters, roll, zenoh};
 use crate::engine::task::Task;
 use crate::stack::Variables;
 use crate::stack::end::StackEnd;
+use crate::stack::exit_code::Exit;
 use crate::stack::nodes::{Found, Known};
 
 /// A case's domain, and who counts in it.
@@ -231,8 +231,8 @@ impl Host for Ros2Host<'_> {
         Ok(())
     }
 
-    fn exit_status(&self, pid: i32, at: Instant) -> Option<i32> {
-        roll::exit_status(&self.ledger, pid, at)
+    fn exits(&self) -> Vec<Exit> {
+        roll::exits(&self.ledger)
     }
 
     fn look(&self, known: &[Known]) -> Result<Vec<Found>, Failure> {

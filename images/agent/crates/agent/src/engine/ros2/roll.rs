@@ -4,9 +4,10 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::time::{Duration, Instant};
 
 use bagpipe_ros2::is_of_command_line;
-use bagpipe_ros2ledger::{Endpoint, Ledger, ProcessId};
+use bagpipe_ros2ledger::{Endpoint, Ledger, Process, ProcessId};
 use rustix::time::{ClockId, clock_gettime};
 
+use crate::stack::exit_code::Exit;
 use crate::stack::nodes::{Found, Known};
 
 /// The nodes of each name that run, by their processes' marks: two processes may have nodes of one name.
@@ -19,7 +20,8 @@ pub fn roll(ledger: &Ledger) -> Vec<Known> {
 
 fn known(name: String, process: ProcessId) -> Known {
     let pid = i32::try_from(process.pid).ok();
-    Known { name, uri: mark(process), pid, stayed: false, began: began(process) }
+    let began = Present::read().and_then(|present| present.began(process));
+    Known { name, uri: mark(process), pid, stayed: false, began }
 }
 
 /// Each node that has had an endpoint by now, in each of its processes, the oldest first.
@@ -92,23 +94,36 @@ fn endpoints(ledger: &Ledger) -> Vec<Endpoint> {
     ledger.endpoints().unwrap_or_default()
 }
 
-/// What the last program of a process gave exit(3) that had begun by this moment.
-pub fn exit_status(ledger: &Ledger, pid: i32, at: Instant) -> Option<i32> {
-    let processes = ledger.processes().unwrap_or_default();
-    let of_it = processes.iter().filter(|one| i32::try_from(one.id.pid) == Ok(pid));
-    let had_begun = of_it.filter(|one| began(one.id).is_some_and(|began| began <= at));
-    let last = had_begun.max_by_key(|one| (one.id.start, one.exit_status.is_some()))?;
-    last.exit_status.map(i32::from)
+/// What each process that counts has given exit(3). Two programs of one process have begun at the same moment.
+pub fn exits(ledger: &Ledger) -> Vec<Exit> {
+    let Some(present) = Present::read() else { return Vec::new() };
+    let of = |one: &Process| {
+        let (pid, began) = (i32::try_from(one.id.pid).ok()?, present.began(one.id)?);
+        Some(Exit { pid, began, status: one.exit_status.map(i32::from) })
+    };
+    ledger.processes().unwrap_or_default().iter().filter_map(of).collect()
 }
 
-/// When a process began, by the clock that counts also while the machine sleeps (proc(5), starttime).
-fn began(process: ProcessId) -> Option<Instant> {
-    let since_start = clock_gettime(ClockId::Boottime);
-    let now =
-        Duration::new(since_start.tv_sec.try_into().ok()?, since_start.tv_nsec.try_into().ok()?);
-    let ticks = rustix::param::clock_ticks_per_second();
-    let began = Duration::from_millis(process.start * 1000 / ticks);
-    Instant::now().checked_sub(now.saturating_sub(began))
+/// One moment by both clocks: the one that counts also while the machine sleeps (proc(5), starttime), and ours.
+struct Present {
+    since_start: Duration,
+    now: Instant,
+}
+
+impl Present {
+    fn read() -> Option<Self> {
+        let since_start = clock_gettime(ClockId::Boottime);
+        let (seconds, nanoseconds) = (since_start.tv_sec, since_start.tv_nsec);
+        let since_start = Duration::new(seconds.try_into().ok()?, nanoseconds.try_into().ok()?);
+        Some(Self { since_start, now: Instant::now() })
+    }
+
+    /// When a process began.
+    fn began(&self, process: ProcessId) -> Option<Instant> {
+        let ticks = rustix::param::clock_ticks_per_second();
+        let began = Duration::from_millis(process.start * 1000 / ticks);
+        self.now.checked_sub(self.since_start.saturating_sub(began))
+    }
 }
 
 /// One process, also where another has its number later.
