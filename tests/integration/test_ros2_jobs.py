@@ -158,6 +158,26 @@ def test_nodes_that_fail_too_soon_to_be_seen_are_known_by_what_they_noted(
     assert [(one["name"], one["exit_status"]) for one in ended] == [(name, 3) for name in names]
 
 
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [("/_ros2cli_4711", ("passed", "")), ("/other", ("failed", "NodeGone"))],
+)
+def test_who_is_started_from_the_command_line_may_leave_during_the_play(
+    name: str,
+    expected: tuple[str, str],
+    folders: dict[str, str],
+    standin: Path,
+    start_agent: Callable[..., RunningAgent],
+) -> None:
+    # Of what the stack publishes nobody has to take all.
+    echo = [str(standin / "standin_node"), "--name", name, "--ends-after", "10"]
+    echo += ["--sub", f"/out:std_msgs/msg/String:{MESSAGES}:reliable"]
+    script = shlex.join(echo) + " & exec " + shlex.join(relay(standin))
+    job = spec(ros2_standin.environment(standin), LOCKSTEP, ["sh", "-c", script])
+    row = run(job, folders, start_agent())
+    assert (row["outcome"], row["reason"]) == expected, row
+
+
 @pytest.mark.usefixtures("soon_given_up")
 def test_without_ros_2_a_sentence_names_what_to_do(
     folders: dict[str, str], start_agent: Callable[..., RunningAgent]

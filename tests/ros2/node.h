@@ -50,7 +50,7 @@ struct asked {
       doze_every, answers_from, answer_bytes, loses;
   char counts[512];
   int life; /* the state in which its life cycle begins, or 0: it has none */
-  uint64_t leave_after;
+  uint64_t leave_after, ends_after;
 };
 
 /* lifecycle_msgs/msg/State */

@@ -35,6 +35,7 @@ static const char usage[] =
     "--doze-every N         after each Nth of the first hundred messages of a topic no more are taken\n"
     "                       until another one comes, whatever waits\n"
     "--die-after N          aborts in the callback of the Nth message of a topic\n"
+    "--ends-after N         leaves in order, with status 0, in the callback of the Nth message of a topic\n"
     "--fails-with STATUS    ends with it as soon as it is in the graph\n"
     "--threads N            threads that take and call\n"
     "--meets-late-ms N      what it publishes so soon after it created a publisher reaches nobody, as\n"
@@ -161,6 +162,7 @@ static void value(const char *option, const char *text) {
   else if (!strcmp(option, "--slow")) slow(text);
   else if (!strcmp(option, "--doze-every")) asked.doze_every = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--die-after")) asked.die_after = strtoull(text, NULL, 10);
+  else if (!strcmp(option, "--ends-after")) asked.ends_after = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--fails-with")) asked.fails_with = atoi(text);
   else if (!strcmp(option, "--burst")) asked.burst = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--every-us")) asked.every_us = strtoull(text, NULL, 10);

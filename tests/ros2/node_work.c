@@ -1,10 +1,12 @@
 /* What a callback does: an answer that its input and its number decide, and nothing else. */
 #define _GNU_SOURCE
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/resource.h>
 #include <time.h>
+#include <unistd.h>
 
 #include "node.h"
 
@@ -109,6 +111,7 @@ void work(struct subscription *of) {
     setrlimit(RLIMIT_CORE, &none);
     abort();
   }
+  if (asked.ends_after > 0 && count == asked.ends_after) kill(getpid(), SIGTERM);
   if (asked.leave_after > 0 && count == asked.leave_after) life_turns();
   bool dropped = asked.drop_every > 0 && count % asked.drop_every == 0;
   if (of->message.length < asked.answers_from) dropped = true;

@@ -179,6 +179,25 @@ fn a_node_that_its_parent_says_nothing_of_is_missed() {
 }
 
 #[test]
+fn a_node_of_the_command_line_may_leave_during_the_play() {
+    if without_ros() {
+        return;
+    }
+    let node = |name: &str, rest| format!("/usr/bin/python3 \"$ROS_HOME/node.py\" {name} {rest}\n");
+    let others = node("good", "0 never");
+    for (name, expected) in [("rostopic_7_1700000000000", None), ("bad", Some("/bad"))] {
+        let script = format!("{NODE}{} & exec {others}", node(name, "100 leaves").trim_end());
+        let agent = Agent::start(1);
+        let nodes = [format!("/{name}"), "/good".to_owned()];
+        let case = realtime(agent.case(&script, &[]), 250, &[]);
+        let case = awaiting(case, &[&nodes[0], &nodes[1]]);
+        let ended = ends_in(&agent, case, 250);
+        let expected = expected.map(|name| ("NodeGone", name, None));
+        assert_eq!(short(&ended), expected.into_iter().collect::<Vec<_>>());
+    }
+}
+
+#[test]
 fn a_node_that_is_started_again_is_seen() {
     if without_ros() {
         return;

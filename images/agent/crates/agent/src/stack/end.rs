@@ -83,6 +83,11 @@ impl StackEnd {
         for end in self.before.iter_mut().chain(&mut self.after) {
             end.ended = end.ended.or_else(|| failure(all, end.pid, end.at));
         }
+        // Who was on its way out, and was ended on it.
+        for mut end in self.after.extract_if(.., |end| failure(before, end.pid, end.at).is_some()) {
+            end.ended = failure(before, end.pid, end.at);
+            self.before.push(end);
+        }
         let seen: BTreeSet<i32> =
             self.before.iter().chain(&self.after).map(|end| end.pid).collect();
         let unseen = before.iter().filter(|exit| !seen.contains(&exit.pid));
@@ -124,5 +129,81 @@ impl StackEnd {
         abort.stderr = self.stderr;
         abort.stdout = self.stdout;
         abort
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::{Duration, Instant};
+
+    use super::*;
+    use crate::stack::processes::Ended;
+
+    /// The ends before and after a stack was asked to end, each by its process and how it ended.
+    type Ends = (Vec<(i32, Option<Ended>)>, Vec<(i32, Option<Ended>)>);
+
+    const ASKED: u64 = 10;
+
+    fn status(status: i32) -> Option<Ended> {
+        Some(Ended { exit_status: Some(status), signal: None })
+    }
+
+    const KILLED: Option<Ended> = Some(Ended { exit_status: None, signal: Some(9) });
+
+    /// What becomes of ends at these seconds by exits that were noted `before` it was asked, and `all`.
+    fn completed(
+        ends: &[(i32, u64, Option<Ended>)],
+        before: &[(i32, i32)],
+        all: &[(i32, i32)],
+    ) -> Ends {
+        let zero = Instant::now();
+        let at = |second| zero + Duration::from_secs(second);
+        let end = |&(pid, second, ended): &(i32, u64, Option<Ended>)| ProcessEnd {
+            pid,
+            name: String::new(),
+            ended,
+            at: at(second),
+        };
+        let (earlier, later) = ends.iter().map(end).partition(|end| end.at <= at(ASKED));
+        let exits = |noted: &[(i32, i32)]| -> Vec<Exit> {
+            let exit = |&(pid, status)| Exit { pid, began: at(1), status: Some(status) };
+            noted.iter().map(exit).collect()
+        };
+        let mut stack = StackEnd {
+            exit_status: None,
+            signal: Some(2),
+            stderr: Vec::new(),
+            stdout: Vec::new(),
+            ended_by: EndedBy::Agent,
+            usage: None,
+            ended: Vec::new(),
+            left: Vec::new(),
+            pid: 1,
+            before: earlier,
+            after: later,
+            last_line: None,
+        };
+        stack.complete(&exits(before), &exits(all));
+        let short = |ends: &[ProcessEnd]| ends.iter().map(|end| (end.pid, end.ended)).collect();
+        (short(&stack.before), short(&stack.after))
+    }
+
+    #[test]
+    fn what_was_noted_counts_where_nobody_else_knows_it() {
+        let noted = [(7, 3)];
+        assert_eq!(completed(&[(7, 5, None)], &noted, &noted), (vec![(7, status(3))], vec![]));
+        assert_eq!(completed(&[(7, 5, KILLED)], &noted, &noted), (vec![(7, KILLED)], vec![]));
+        assert_eq!(completed(&[(7, 5, None)], &[(7, 0)], &[(7, 0)]), (vec![(7, None)], vec![]));
+        // Nobody saw its end, and of one that ended well nobody has to.
+        assert_eq!(completed(&[], &noted, &noted), (vec![(7, status(3))], vec![]));
+        assert_eq!(completed(&[], &[(7, 0)], &[(7, 0)]), (vec![], vec![]));
+    }
+
+    #[test]
+    fn who_was_on_its_way_out_when_it_was_asked_to_end_failed_before_that() {
+        let noted = [(7, 3)];
+        assert_eq!(completed(&[(7, 15, KILLED)], &noted, &noted), (vec![(7, status(3))], vec![]));
+        // It answers so to the question.
+        assert_eq!(completed(&[(7, 15, None)], &[], &noted), (vec![], vec![(7, status(3))]));
     }
 }

@@ -83,11 +83,11 @@ pub trait Host {
     /// Whether the stack runs on simulated time.
     fn use_sim_time(&self) -> bool;
 
-    /// All nodes but our own. Fails, as the next two do, where it is not known.
+    /// All nodes but our own and those that people start by hand, which may end as they like. Fails, as the next two do, where it is not known.
     fn roll(&self) -> Result<Vec<Known>, Failure>;
 
-    /// Nodes that were ever there by now, with their processes, also those that have left since; asked once. Without those
-    /// that people start by hand, which may end as they like.
+    /// Nodes that were ever there by now, with their processes, also those that have left since; asked once. As in
+    /// the roll.
     fn met(&self) -> Vec<Known>;
 
     /// Notes who is still there when all input is out: who leaves after that is done.

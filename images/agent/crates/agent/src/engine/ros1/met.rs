@@ -90,7 +90,7 @@ impl Noted {
 
 /// Whether a node is one of rostopic's or rosservice's, which a script may start, and end as it likes: it is called after
 /// its process and the time, as rospy's anonymous nodes are.
-fn is_of_command_line(name: &str) -> bool {
+pub fn is_of_command_line(name: &str) -> bool {
     let own = name.rsplit('/').next().unwrap_or(name);
     let is_number = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
     let mut parts = own.split('_');

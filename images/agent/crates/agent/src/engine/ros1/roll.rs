@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 
 use bagpipe_ros1::{Master, RosError, is_closed};
 
+use crate::engine::ros1::met::is_of_command_line;
 use crate::stack::nodes::{Found, Known};
 use crate::stack::processes::{descendants, is_alive};
 
@@ -29,14 +30,15 @@ pub fn is_ours(name: &str) -> bool {
     name.starts_with(PLAYER)
 }
 
-/// All nodes but our own.
+/// All nodes but our own and those of the command line, which end as they like.
 ///
 /// # Errors
 /// The master does not answer: which nodes there are can't be known.
 pub fn roll(master_uri: &str) -> Result<Vec<Known>, RosError> {
     let master = Patient::new(master_uri)?;
     let names = registered(&master)?;
-    let others: Vec<String> = names.into_iter().filter(|name| !is_ours(name)).collect();
+    let is_of_stack = |name: &String| !is_ours(name) && !is_of_command_line(name);
+    let others: Vec<String> = names.into_iter().filter(is_of_stack).collect();
     let addresses = addresses(&master, others.iter())?;
     let listed: Vec<(String, Address)> = others.into_iter().zip(addresses).collect();
     let known = of_each(&listed, |(name, address)| {

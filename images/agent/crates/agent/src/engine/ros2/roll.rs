@@ -26,8 +26,7 @@ fn known(name: String, process: ProcessId) -> Known {
 
 /// Each node that has had an endpoint by now, in each of its processes, the oldest first.
 pub fn met(ledger: &Ledger) -> Vec<Known> {
-    let named = endpoints(ledger).into_iter().filter(|one| !one.node.is_empty());
-    let others = named.filter(|one| !is_of_command_line(&one.node));
+    let others = endpoints(ledger).into_iter().filter(is_of_stack);
     let met: BTreeSet<(String, ProcessId)> = others.map(|one| (one.node, one.process)).collect();
     let mut met: Vec<(String, ProcessId)> = met.into_iter().collect();
     met.sort_by_key(|(_, process)| process.start);
@@ -73,10 +72,15 @@ fn found(known: &Known, roll: &[Known], alive: &Alive, has_left: bool) -> Found 
     }
 }
 
+/// Whether it is a node's, and none of the command line's, which end as they like.
+fn is_of_stack(one: &Endpoint) -> bool {
+    !one.node.is_empty() && !is_of_command_line(&one.node)
+}
+
 /// Each node that has an endpoint in a process that runs.
 fn live_nodes(ledger: &Ledger, endpoints: &[Endpoint]) -> Alive {
     let running = running(ledger);
-    let there = endpoints.iter().filter(|one| !one.destroyed && !one.node.is_empty());
+    let there = endpoints.iter().filter(|one| !one.destroyed && is_of_stack(one));
     let mut alive = Alive::new();
     for one in there.filter(|one| running.contains(&one.process)) {
         let processes = alive.entry(one.node.clone()).or_default();
