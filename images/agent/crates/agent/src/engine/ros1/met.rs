@@ -4,7 +4,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use bagpipe_ros1::Meet;
 
-use super::roll::is_ours;
+use crate::engine::ros1::names::is_of_stack;
 use crate::stack::nodes::Known;
 use crate::stack::processes::{holder, is_alive};
 use crate::stack::witness::Watcher;
@@ -41,7 +41,7 @@ impl Met {
     }
 
     fn add(&self, name: &str, socket: u32) {
-        if is_ours(name) || is_of_command_line(name) || self.noted().is_full() {
+        if !is_of_stack(name) || self.noted().is_full() {
             return;
         }
         // Without the lock: it looks at each process of the stack, the newest first.
@@ -88,18 +88,6 @@ impl Noted {
     }
 }
 
-/// Whether a node is one of rostopic's or rosservice's, which a script may start, and end as it likes: it is called after
-/// its process and the time, as rospy's anonymous nodes are.
-pub fn is_of_command_line(name: &str) -> bool {
-    let own = name.rsplit('/').next().unwrap_or(name);
-    let is_number = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
-    let mut parts = own.split('_');
-    matches!(parts.next(), Some("rostopic" | "rosservice"))
-        && parts.next().is_some_and(is_number)
-        && parts.next().is_some_and(is_number)
-        && parts.next().is_none()
-}
-
 #[cfg(test)]
 mod tests {
     use std::net::Ipv4Addr;
@@ -110,14 +98,6 @@ mod tests {
     use super::*;
     use crate::stack::processes::Spared;
     use crate::stack::witness::Witness;
-
-    #[test]
-    fn a_stacks_own_node_is_none_of_the_command_lines() {
-        for own in ["/rostopic_relay", "/rosservice_7", "/rostopic_7_8_9", "/rostopic_7_", "/a/b"] {
-            assert!(!is_of_command_line(own), "{own}");
-        }
-        assert!(is_of_command_line("/robot/rosservice_4711_1700000000000"));
-    }
 
     fn unnamed(name: &str) -> Known {
         let (name, uri) = (name.to_owned(), String::new());

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use bagpipe_ros1::{Master, RosError, is_closed};
 
-use crate::engine::ros1::met::is_of_command_line;
+use crate::engine::ros1::names::is_of_stack;
 use crate::stack::nodes::{Found, Known};
 use crate::stack::processes::{descendants, is_alive};
 
@@ -22,13 +22,6 @@ const AGAIN: Duration = Duration::from_millis(200);
 /// passes unseen.
 const AT_ONCE: usize = 32;
 const CALLER: &str = "/bagpipe_agent";
-/// Our own node in the graph.
-const PLAYER: &str = "/bagpipe_player_";
-
-/// Whether a node is the player.
-pub fn is_ours(name: &str) -> bool {
-    name.starts_with(PLAYER)
-}
 
 /// All nodes but our own and those of the command line, which end as they like.
 ///
@@ -37,8 +30,7 @@ pub fn is_ours(name: &str) -> bool {
 pub fn roll(master_uri: &str) -> Result<Vec<Known>, RosError> {
     let master = Patient::new(master_uri)?;
     let names = registered(&master)?;
-    let is_of_stack = |name: &String| !is_ours(name) && !is_of_command_line(name);
-    let others: Vec<String> = names.into_iter().filter(is_of_stack).collect();
+    let others: Vec<String> = names.into_iter().filter(|name| is_of_stack(name)).collect();
     let addresses = addresses(&master, others.iter())?;
     let listed: Vec<(String, Address)> = others.into_iter().zip(addresses).collect();
     let known = of_each(&listed, |(name, address)| {
