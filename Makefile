@@ -128,6 +128,10 @@ AT_ITS_END :=
 .PHONY: test-real-parts
 test-real-parts: AT_ITS_END := --output-at-its-end
 test-real-parts: test-rust test-together
+# Else a test that builds with cargo waits there for as long as the agent's tests are compiled.
+ifneq ($(filter test-real-parts,$(MAKECMDGOALS)),)
+test-together: test-agent
+endif
 
 # Of a clean checkout: the compilers of lint, site and tests fill each other's waits.
 .PHONY: prepare
