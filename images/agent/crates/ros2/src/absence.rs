@@ -18,14 +18,19 @@ pub(crate) struct Absence {
 }
 
 impl Absence {
-    pub(crate) fn begin() -> Absence {
-        Absence { looked: Instant::now(), lasted: Duration::ZERO }
+    pub(crate) fn begin(now: Instant) -> Absence {
+        Absence { looked: now, lasted: Duration::ZERO }
     }
 
     /// Takes in a look at this moment; of the time since the one before at `most` so much counts.
     pub(crate) fn look(&mut self, now: Instant, most: Duration) -> Duration {
         self.lasted += now.saturating_duration_since(self.looked).min(most);
         self.looked = now;
+        self.lasted
+    }
+
+    /// For how long by the last look.
+    pub(crate) fn lasted(&self) -> Duration {
         self.lasted
     }
 }
@@ -36,14 +41,14 @@ mod tests {
 
     #[test]
     fn an_absence_lasts_as_long_as_somebody_looked() {
-        let mut absence = Absence::begin();
+        let mut absence = Absence::begin(Instant::now());
         let (begun, ms) = (absence.looked, Duration::from_millis);
         assert_eq!(absence.look(begun + ms(5), ms(40)), ms(5));
         assert_eq!(absence.look(begun + ms(30), ms(40)), ms(30));
         // A machine that stood still.
         assert_eq!(absence.look(begun + ms(5_000), ms(40)), ms(70));
         // Half a second is over at the second look.
-        let mut absence = Absence::begin();
+        let mut absence = Absence::begin(Instant::now());
         let begun = absence.looked;
         assert!(absence.look(begun + ms(500), BY_THE_CLOCK) < RENEWED);
         assert!(absence.look(begun + ms(1_000), BY_THE_CLOCK) >= RENEWED);

@@ -2,18 +2,17 @@
 //! Fast DDS was measured to take up to 0.24 s longer than we to know them.
 
 use std::collections::BTreeMap;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use bagpipe_ros2ledger::EndpointId;
 
-/// A publisher whose process has not reported for so long whom it knows is believed to know us.
-const UNREPORTED: Duration = Duration::from_secs(2);
+use crate::unreported::Unreported;
 
 /// The publishers of one topic.
 #[derive(Debug)]
 pub(crate) struct Acquaintance<P = EndpointId> {
-    /// Since when each is known that has not reported yet; `None` once it has.
-    publishers: BTreeMap<P, Option<Instant>>,
+    /// `None` of one that has reported.
+    publishers: BTreeMap<P, Option<Unreported>>,
     /// Of those that were there at the last look.
     strangers: Option<usize>,
 }
@@ -33,11 +32,15 @@ impl<P: Ord> Acquaintance<P> {
         there: impl Iterator<Item = (P, Option<u32>, usize)>,
     ) {
         let is_stranger = |(publisher, matched, subscribed): (P, Option<u32>, usize)| {
-            let since = self.publishers.entry(publisher).or_insert(Some(now));
+            let begin = || Some(Unreported::begin(now));
+            let one = self.publishers.entry(publisher).or_insert_with(begin);
             if matched.is_some_and(|known| known as usize > subscribed) {
-                *since = None;
+                *one = None;
             }
-            since.is_some_and(|since| now.saturating_duration_since(since) < UNREPORTED)
+            one.as_mut().is_some_and(|one| {
+                one.look(now);
+                !one.is_believed()
+            })
         };
         self.strangers = Some(there.map(is_stranger).filter(|stranger| *stranger).count());
     }
@@ -61,6 +64,8 @@ impl<P: Ord> Acquaintance<P> {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
     use super::*;
 
     fn look(of: &mut Acquaintance<u32>, now: Instant, there: &[(u32, Option<u32>)]) -> usize {
@@ -90,9 +95,11 @@ mod tests {
     #[test]
     fn who_never_reports_is_believed_after_a_while() {
         let (mut all, begun) = (Acquaintance::default(), Instant::now());
+        let after = |tenths: u32| begun + Duration::from_millis(100) * tenths;
         assert_eq!(look(&mut all, begun, &[(1, None), (2, Some(0))]), 2);
-        let almost = UNREPORTED - Duration::from_millis(1);
-        assert_eq!(look(&mut all, begun + almost, &[(1, None), (2, Some(0)), (3, None)]), 3);
-        assert_eq!(look(&mut all, begun + UNREPORTED, &[(1, None), (2, Some(0)), (3, None)]), 1);
+        for tenths in 1..20 {
+            assert_eq!(look(&mut all, after(tenths), &[(1, None), (2, Some(0))]), 2);
+        }
+        assert_eq!(look(&mut all, after(20), &[(1, None), (2, Some(0)), (3, None)]), 1);
     }
 }

@@ -45,6 +45,7 @@ mod undetermined;
 mod unmet;
 mod unnamed;
 mod unnamed_topics;
+mod unreported;
 
 pub use middleware::Ros2;
 pub use options::Ros2Options;

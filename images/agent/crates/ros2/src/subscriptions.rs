@@ -217,7 +217,7 @@ impl Subscriptions {
             now.before.all += since.all;
             now.before.unclear += since.unclear;
             let (taken, latest) = (one.begun_with + since.ours(), ledger.latest(one.id)?);
-            let (wanted, away) = (one.wanted, Absence::begin());
+            let (wanted, away) = (one.wanted, Absence::begin(Instant::now()));
             now.left.insert(one.id, Left { taken, latest, sent, wanted, away });
         }
         now.counted = stay;

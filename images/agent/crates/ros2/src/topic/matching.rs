@@ -15,9 +15,8 @@ use super::sending::failed;
 use crate::absence::RENEWED;
 use crate::link::{Link, Totals};
 use crate::seen::is_of_command_line;
+use crate::unreported::{UNREPORTED, Unreported};
 
-/// A subscription whose process has not reported for so long whom it knows is believed to know us.
-pub(super) const UNREPORTED: Duration = Duration::from_secs(2);
 /// How often somebody who waits for new subscriptions looks at them.
 const MATCHES: Duration = Duration::from_millis(5);
 
@@ -59,19 +58,19 @@ impl Topic {
     /// Whether somebody is to be waited for who subscribes and does not know us yet, or has just left
     /// to subscribe again, and was not waited for in vain. By the clock nobody is.
     pub(super) fn has_strangers(&self) -> bool {
-        let is_new = |since: &Instant| since.elapsed() < UNREPORTED + RENEWED;
+        let is_new = |one: &Unreported| one.lasted() < UNREPORTED + RENEWED;
         self.means.paced_by == PacedBy::Subscribers
             && (self.strangers().values().any(is_new) || !self.departed().is_empty())
     }
 
-    pub(super) fn strangers(&self) -> MutexGuard<'_, BTreeMap<Owner, Instant>> {
+    pub(super) fn strangers(&self) -> MutexGuard<'_, BTreeMap<Owner, Unreported>> {
         self.strangers.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Whose subscriptions have been waited for in vain: they have not matched us.
     pub(super) fn unmatched(&self) -> BTreeSet<Owner> {
         let strangers = self.strangers();
-        let waited = strangers.iter().filter(|(_, since)| since.elapsed() >= UNREPORTED);
+        let waited = strangers.iter().filter(|(_, one)| one.is_believed());
         waited.map(|(owner, _)| owner.clone()).collect()
     }
 
@@ -93,9 +92,14 @@ impl Topic {
         let reported = |one: &&Endpoint| one.matched.is_some_and(|all| knows_more(one, all));
         // Either side may know of the other first, and what is published in between never comes.
         let known_to_us = || self.means.player.subscribers(self.publisher).unwrap_or_default();
-        let since = *self.strangers().entry(owner.clone()).or_insert_with(Instant::now);
+        let begin = || Unreported::begin(Instant::now());
+        let (waited, is_believed) = {
+            let mut strangers = self.strangers();
+            let one = strangers.entry(owner.clone()).or_insert_with(begin);
+            (one.lasted(), one.is_believed())
+        };
         let know_us = match known {
-            true => since.elapsed() >= RENEWED,
+            true => waited >= RENEWED,
             false => subscriptions.iter().all(reported),
         };
         // One of the others may be none that it can match, and who computes for long reports nothing new.
@@ -120,7 +124,7 @@ impl Topic {
             // Of people's nodes some may ask for more than is offered.
             known == there || (known > there && known <= there + self.watched_by_people() as u64)
         };
-        let knows = (know_us && knows_all()) || (since.elapsed() >= UNREPORTED && believed());
+        let knows = (know_us && knows_all()) || (is_believed && believed());
         if knows {
             // When it subscribes again it is waited for again.
             self.strangers().remove(owner);
@@ -181,8 +185,7 @@ impl Topic {
         let has_link = |owner: &Owner| {
             links.iter().any(|one| one.unmatched_owner().is_some_and(|known| known == *owner))
         };
-        let is_new =
-            |(owner, since): (&Owner, &Instant)| since.elapsed() >= UNREPORTED && !has_link(owner);
+        let is_new = |(owner, one): (&Owner, &Unreported)| one.is_believed() && !has_link(owner);
         if self.strangers().iter().any(is_new) {
             let mut links = Vec::clone(&links);
             let sent = self.sent().totals;

@@ -19,6 +19,7 @@ use crate::absence::Absence;
 use crate::link::{Link, Totals};
 use crate::qos::incompatible;
 use crate::unnamed::Unnamed;
+use crate::unreported::Unreported;
 pub(crate) use look::Look;
 
 use credit::Sent;
@@ -51,8 +52,8 @@ pub(crate) struct Topic {
     /// Why its subscribers would read its messages as something else, if they would.
     otherwise: Option<String>,
     links: RwLock<Arc<Vec<Arc<Link>>>>,
-    /// Subscriptions that have not matched yet: since when they are known.
-    strangers: Mutex<BTreeMap<Owner, Instant>>,
+    /// Subscriptions that have not matched yet.
+    strangers: Mutex<BTreeMap<Owner, Unreported>>,
     /// Nodes that have destroyed their subscriptions: they may be about to make others.
     departed: Mutex<BTreeMap<Owner, Absence>>,
     sent: Mutex<Sent>,

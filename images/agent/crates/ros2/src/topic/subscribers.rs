@@ -10,13 +10,13 @@ use bagpipe_ros2ledger::{Endpoint, Kind, LedgerError};
 use bagpipe_ros2player::{Durability, History, Reliability};
 
 use super::look::{Look, Owner};
-use super::matching::UNREPORTED;
 use super::{Looked, Topic};
 use crate::absence::{Absence, BY_THE_CLOCK, RENEWED};
 use crate::link::{Link, Totals};
 use crate::qos::incompatible;
 use crate::stillness::LOOK;
 use crate::subscriptions::Subscriptions;
+use crate::unreported::Unreported;
 
 impl Topic {
     /// Takes in who subscribes now: those that count, and the names of others, where somebody asked
@@ -63,7 +63,10 @@ impl Topic {
             subscriptions.retain(|one| self.reaches(one));
             !subscriptions.is_empty()
         });
-        self.strangers().retain(|owner, _| nodes.contains_key(owner));
+        self.strangers().retain(|owner, one| {
+            one.look(now);
+            nodes.contains_key(owner)
+        });
         for link in links.iter() {
             let Some(counted) = &link.counted else { continue };
             let owner = (counted.process, link.node.clone());
@@ -71,7 +74,7 @@ impl Topic {
             let others = link.replace(there, self.kept(), &self.means.ledger)?;
             counted.look(now, most, &self.means.ledger)?;
             if there.is_empty() && others && look.running.contains(&owner.0) {
-                self.departed().insert(owner, Absence::begin());
+                self.departed().insert(owner, Absence::begin(now));
             }
             if there.is_empty() || (others && self.means.paced_by == PacedBy::Subscribers) {
                 link.close();
@@ -108,14 +111,13 @@ impl Topic {
             return Ok(());
         }
         let by_the_clock = sent.messages() > 0 && self.means.paced_by == PacedBy::Schedule;
-        let since = self.strangers().get(owner).copied();
-        let waited = since.is_some_and(|since| since.elapsed() >= UNREPORTED);
-        let at_once = by_the_clock && !waited;
+        let is_believed = self.strangers().get(owner).map(Unreported::is_believed);
+        let at_once = by_the_clock && is_believed != Some(true);
         if !at_once && !self.knows_us(owner, subscriptions, look, known.is_some()) {
             return Ok(());
         }
         self.strangers().remove(owner);
-        let missed = match (by_the_clock, since) {
+        let missed = match (by_the_clock, is_believed) {
             (false, _) => Totals::default(),
             // Who is waited for by the clock was there before the first message.
             (true, Some(_)) => sent,
