@@ -125,6 +125,11 @@ impl Link {
         Some((process, self.node.clone()))
     }
 
+    /// Whose it is, where its process counts.
+    pub(crate) fn process(&self) -> Option<ProcessId> {
+        self.counted.as_ref().map(|one| one.process).or(self.unmatched)
+    }
+
     /// Takes in which publishers of the topic the stack has by now ([`Subscriptions::learn`]).
     pub(crate) fn learn(&self, publishers: &[&Endpoint], uncounted: bool) {
         if let Some(counted) = &self.counted {

@@ -339,6 +339,31 @@ fn what_the_command_line_publishes_beside_the_stack_is_compared_with_nothing() {
 }
 
 #[test]
+fn what_the_command_line_has_missed_behind_its_end_is_not_lost() {
+    // It takes the first ten, or all but the last three: nobody looks once more before the end.
+    for (mode, takes) in [Mode::Realtime, Mode::Max, Mode::Lockstep]
+        .into_iter()
+        .flat_map(|mode| [(mode, "10"), (mode, "97")])
+    {
+        let missed = |name: &str| {
+            let scene = Scene::new();
+            let _relay = scene.start("standin_node", &relay("/relay", DEEP, &[]));
+            let echo = ["--name", name, "--sub", DEEP, "--ends-after", takes];
+            let _echo = scene.start("standin_node", &echo);
+            scene.await_subscriptions(2);
+            let replayed = scene.play(&recording(&["/in"], 100, 50), &Ask { mode, ..REALTIME });
+            let lines = lines(&replayed.unwrap()).to_vec();
+            let of = |node: &str| lines.iter().find(|one| one.node == node).map(|one| one.dropped);
+            assert_eq!(of("/relay"), Some(0), "{mode:?} {takes}");
+            of(name)
+        };
+        assert_eq!(missed("/_ros2cli_7"), None, "{mode:?} {takes}");
+        // What has left in lock-step is sent no more.
+        assert!(missed("/other").is_some(), "{mode:?} {takes}");
+    }
+}
+
+#[test]
 fn a_node_that_was_killed_and_started_again_is_known_by_the_process_that_runs() {
     let scene = Scene::new();
     let start = || scene.start("standin_node", &["--name", "/again", "--sub", TEN]);

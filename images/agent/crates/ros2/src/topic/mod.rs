@@ -198,6 +198,7 @@ impl Publication for Topic {
     }
 
     fn subscribers(&self) -> Vec<LinkState> {
+        self.let_people_go();
         let room = |link: &Link| link.counted.as_ref().map(|_| self.room_at(link));
         let state = |link: &Arc<Link>| LinkState { room: room(link), ..link.state() };
         self.links().iter().map(state).collect()

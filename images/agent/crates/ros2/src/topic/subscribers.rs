@@ -14,6 +14,7 @@ use super::{Looked, Topic};
 use crate::absence::{Absence, BY_THE_CLOCK, RENEWED};
 use crate::link::{Link, Totals};
 use crate::qos::incompatible;
+use crate::seen::is_of_command_line;
 use crate::stillness::LOOK;
 use crate::subscriptions::Subscriptions;
 use crate::unreported::Unreported;
@@ -135,6 +136,24 @@ impl Topic {
         let name = Self::named(links, &owner.1, look);
         links.push(self.link(name, counted, missed));
         Ok(())
+    }
+
+    /// Has nodes of the command line go that have left by now: what one misses behind its end is nothing that
+    /// the stack lost. Looked at whenever somebody asks for the links, as one may leave at the very end.
+    pub(super) fn let_people_go(&self) {
+        let is_people = |link: &Link| is_of_command_line(&link.node) && link.process().is_some();
+        if !self.links().iter().any(|link| is_people(link)) {
+            return;
+        }
+        // A ledger that can't be read fails what is asked next.
+        let Ok(look) = Look::at(&self.means.ledger) else { return };
+        let there = look.subscriptions(&self.info.topic);
+        let is_there = |link: &Link| {
+            link.process().is_some_and(|of| there.contains_key(&(of, link.node.clone())))
+        };
+        let mut links = self.links.write().unwrap_or_else(PoisonError::into_inner);
+        let kept = links.iter().filter(|link| !is_people(link) || is_there(link)).cloned();
+        *links = Arc::new(kept.collect());
     }
 
     /// Of the time between two looks at most so much counts for who is away. By the clock messages go out
