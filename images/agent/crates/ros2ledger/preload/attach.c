@@ -19,7 +19,9 @@ _Atomic uint32_t attach_entry = NO_PROCESS;
 
 static char path[PATH_MAX];
 static bool refused; /* under the lock: there is no ledger, or no room in it */
-static bool notes_exit; /* under the lock; a child has its parent's handlers */
+/* More than most nodes have endpoints of: each of them costs 32 bytes. */
+#define EXIT_HANDLERS 64u
+static uint32_t exit_handlers; /* under the lock; a child has its parent's */
 
 void attach_begin(void (*in_child)(void)) {
   const char *named = getenv("BAGPIPE_LEDGER");
@@ -83,15 +85,20 @@ static struct identity identity(void) {
   return (struct identity){start, number(&at, 6)};
 }
 
-/* Called by exit(), before what was registered earlier and before destructors: once a parent has collected a
- * process, a kernel before Linux 6.15 shows its status to nobody. A child that was made without fork() has its
- * parent's entry, and another number. */
+/* Called by exit(): once a parent has collected a process, a kernel before Linux 6.15 shows its status to nobody.
+ * A child that was made without fork() has its parent's entry, and another number. */
 static void note_exit(int status, void *unused) {
   (void)unused;
   uint32_t entry;
   struct ledger *ledger = attached(&entry);
   if (ledger == NULL || ledger->process[entry].pid != (uint32_t)getpid()) return;
   atomic_store(&ledger->process[entry].exit_status, LEDGER_EXITED | ((uint32_t)status & 0xff));
+}
+
+/* What was registered last is called first: by one with each endpoint, no destructor or handler that came before
+ * that, and may hang, is called before it. */
+static void register_note(void) {
+  if (exit_handlers < EXIT_HANDLERS && on_exit(note_exit, NULL) == 0) exit_handlers++;
 }
 
 /* Takes an entry of the table of processes. A program that was executed has the number and the
@@ -124,7 +131,10 @@ static uint32_t claim_process(struct ledger *ledger) {
 }
 
 bool attach(void (*begin)(void)) {
-  if (atomic_load(&attach_entry) != NO_PROCESS) return true;
+  if (atomic_load(&attach_entry) != NO_PROCESS) {
+    register_note();
+    return true;
+  }
   if (refused) return false;
   int kept = errno;
   if (atomic_load(&attach_ledger) == NULL) atomic_store(&attach_ledger, map());
@@ -134,7 +144,7 @@ bool attach(void (*begin)(void)) {
     begin();
     mine = claim_process(ledger);
     if (mine == NO_PROCESS) atomic_fetch_add(&ledger->header.unlisted_processes, 1);
-    if (mine != NO_PROCESS && !notes_exit) notes_exit = on_exit(note_exit, NULL) == 0;
+    if (mine != NO_PROCESS) register_note();
   }
   refused = mine == NO_PROCESS;
   atomic_store(&attach_entry, mine);

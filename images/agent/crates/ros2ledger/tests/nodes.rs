@@ -366,6 +366,25 @@ fn what_a_program_ends_with_is_what_it_gives_exit_and_nothing_of_one_that_gives_
 }
 
 #[test]
+fn who_hangs_in_exit_has_noted_its_status_where_it_made_an_endpoint_behind_what_hangs() {
+    // The last has had more endpoints by then than it registers handlers for.
+    for (commands, expected) in [
+        (&["sub /scan 10", "hang_at_exit", "pub /out 10"], Some(3)),
+        (&["sub /scan 10", "pub /out 10", "hang_at_exit"], None),
+        (&["churn /short 63", "hang_at_exit", "sub /late 10"], Some(3)),
+        (&["churn /short 64", "hang_at_exit", "sub /late 10"], None),
+    ] {
+        let ledger = Ledger::new().unwrap();
+        let mut node = Node::start(Client::Rclcpp, &ledger);
+        node.obey(commands);
+        node.send("exit / 3");
+        assert_eq!(node.answer(), "hangs");
+        let process = only_process(&ledger);
+        assert_eq!((process.exit_status, process.alive), (expected, true), "{commands:?}");
+    }
+}
+
+#[test]
 fn a_program_that_has_the_entry_of_one_before_has_not_its_end() {
     let ledger = Ledger::new().unwrap();
     let mut first = Node::start(Client::Rclcpp, &ledger);

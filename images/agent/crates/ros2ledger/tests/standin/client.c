@@ -357,6 +357,12 @@ static void be(const char *name_space, const char *name) {
   creator = strcmp(name, "-") == 0 ? NULL : &node;
 }
 
+static void hang(void) {
+  printf("hangs\n");
+  fflush(stdout);
+  for (;;) pause();
+}
+
 static void obey(char **argv, const char *verb, const char *topic, uint64_t n, const char *way) {
   /* Publishers are reliable, and so is a subscription that asks for it. */
   struct qos qos = {1, n, verb[0] == 'p' || !strcmp(way, "reliable") ? 1 : 2, 2, {0}};
@@ -477,6 +483,7 @@ static void obey(char **argv, const char *verb, const char *topic, uint64_t n, c
     printf("%ld\n", (long)syscall(SYS_gettid));
     return;
   } else if (!strcmp(verb, "exec")) execv(argv[0], argv);
+  else if (!strcmp(verb, "hang_at_exit")) atexit(hang);
   else if (!strcmp(verb, "exit")) exit((int)n);
   else if (!strcmp(verb, "_exit")) _exit((int)n);
   else abort();
