@@ -81,7 +81,9 @@ impl StackEnd {
     /// that lived too short to be seen. `before` are what was noted when nobody had been asked to end.
     pub fn complete(&mut self, before: &[Exit], all: &[Exit]) {
         for end in self.before.iter_mut().chain(&mut self.after) {
-            end.ended = end.ended.or_else(|| failure(all, end.pid, end.at));
+            let noted =
+                || failure(all, end.pid, end.at).or_else(|| failure(before, end.pid, end.at));
+            end.ended = end.ended.or_else(noted);
         }
         // Who was on its way out, and was ended on it.
         for mut end in self.after.extract_if(.., |end| failure(before, end.pid, end.at).is_some()) {

@@ -96,9 +96,9 @@ pub trait Host {
     /// What has become of each.
     fn look(&self, roll: &[Known]) -> Result<Vec<Found>, Failure>;
 
-    /// What nodes' processes have noted themselves of their ends by now.
-    fn exits(&self) -> Vec<Exit> {
-        Vec::new()
+    /// What nodes' processes have noted themselves of their ends by now. Fails where that can't be read.
+    fn exits(&self) -> Result<Vec<Exit>, Failure> {
+        Ok(Vec::new())
     }
 
     /// How the program ended by itself that nodes need to find each other, if it has.

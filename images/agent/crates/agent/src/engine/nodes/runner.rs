@@ -23,6 +23,7 @@ use crate::engine::nodes::outcome::{Outcome, Timings};
 use crate::engine::nodes::simulator::{PipeWorld, topics, unrecorded};
 use crate::stack::end::StackEnd;
 use crate::stack::evidence::Moment;
+use crate::stack::exit_code::Exit;
 use crate::stack::nodes::{Before, Found, Known, Nodes, later, left};
 use crate::stack::processes::{Children, Spared, descendants, is_alive, pause};
 use crate::stack::{HURRY, Program, Surroundings};
@@ -79,11 +80,11 @@ impl Runner<'_> {
             Err(Failure::Silent(_)) => Nodes::default(),
             _ => Nodes { there: self.look_at_nodes(), before: self.before_the_play() },
         };
-        let exits = self.host.exits();
+        let exits = self.exits();
         let mut stack = self.end_everything(program);
         if let Ok((Some(stack), _)) = &mut stack {
             let command = &self.case.stack.command;
-            stack.complete(&exits, &self.host.exits());
+            stack.complete(&exits, &self.exits());
             stack.judge(command, nodes, &self.course.borrow(), played.is_ok());
         }
         timings.stop = begun.elapsed().as_secs_f64();
@@ -301,6 +302,14 @@ impl Runner<'_> {
             found = later(found, self.host.look(roll)?);
         }
         Ok(found)
+    }
+
+    /// What nodes' processes have noted of their ends by now.
+    fn exits(&self) -> Vec<Exit> {
+        self.host.exits().unwrap_or_else(|failure| {
+            self.note_unseen(failure);
+            Vec::new()
+        })
     }
 
     /// Takes in that nobody could say which nodes there were: the first reason is kept.

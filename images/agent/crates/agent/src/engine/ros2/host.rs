@@ -9,7 +9,7 @@ use bagpipe_graph::Middleware;
 use bagpipe_log::RecordingFormat;
 use bagpipe_mcap::{Compression, WriterOptions};
 use bagpipe_ros2::QosOverride;
-use bagpipe_ros2ledger::Ledger;
+use bagpipe_ros2ledger::{Ledger, LedgerError};
 use bagpipe_ros2player::{Durability, Reliability};
 use bagpipe_wire::Abort;
 use rustix::process::Pid;
@@ -219,7 +219,7 @@ impl Host for Ros2Host<'_> {
     }
 
     fn roll(&self) -> Result<Vec<Known>, Failure> {
-        Ok(roll::roll(&self.ledger))
+        roll::roll(&self.ledger).map_err(|error| unknown(&error))
     }
 
     fn met(&self) -> Vec<Known> {
@@ -227,15 +227,19 @@ impl Host for Ros2Host<'_> {
     }
 
     fn note_stayed(&self, known: &mut [Known]) -> Result<(), Failure> {
-        roll::note_stayed(&self.ledger, known);
-        Ok(())
+        roll::note_stayed(&self.ledger, known).map_err(|error| unknown(&error))
     }
 
-    fn exits(&self) -> Vec<Exit> {
-        roll::exits(&self.ledger)
+    fn exits(&self) -> Result<Vec<Exit>, Failure> {
+        roll::exits(&self.ledger).map_err(|error| unknown(&error))
     }
 
     fn look(&self, known: &[Known]) -> Result<Vec<Found>, Failure> {
-        Ok(roll::look(&self.ledger, known))
+        roll::look(&self.ledger, known).map_err(|error| unknown(&error))
     }
+}
+
+fn unknown(error: &LedgerError) -> Failure {
+    let what = format!("which nodes were there during the case can't be known: {error}");
+    Failure::new("Ros2Failed", what)
 }

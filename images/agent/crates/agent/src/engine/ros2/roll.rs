@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::time::{Duration, Instant};
 
 use bagpipe_ros2::is_of_command_line;
-use bagpipe_ros2ledger::{Endpoint, Ledger, Process, ProcessId};
+use bagpipe_ros2ledger::{Endpoint, Ledger, LedgerError, Process, ProcessId};
 use rustix::time::{ClockId, clock_gettime};
 
 use crate::stack::exit_code::Exit;
@@ -13,9 +13,13 @@ use crate::stack::nodes::{Found, Known};
 /// The nodes of each name that run, by their processes' marks: two processes may have nodes of one name.
 type Alive = BTreeMap<String, BTreeMap<String, Known>>;
 
-/// All nodes, in each of their processes. A ledger that can't be read fails the replay, so no error is reported here.
-pub fn roll(ledger: &Ledger) -> Vec<Known> {
-    live_nodes(ledger, &endpoints(ledger)).into_values().flat_map(BTreeMap::into_values).collect()
+/// All nodes, in each of their processes.
+///
+/// # Errors
+/// As the next ones: somebody has spoiled the ledger.
+pub fn roll(ledger: &Ledger) -> Result<Vec<Known>, LedgerError> {
+    let alive = live_nodes(ledger, &ledger.endpoints()?)?;
+    Ok(alive.into_values().flat_map(BTreeMap::into_values).collect())
 }
 
 fn known(name: String, process: ProcessId) -> Known {
@@ -24,9 +28,10 @@ fn known(name: String, process: ProcessId) -> Known {
     Known { name, uri: mark(process), pid, stayed: false, began }
 }
 
-/// Each node that has had an endpoint by now, in each of its processes, the oldest first.
+/// Each node that has had an endpoint by now, in each of its processes, the oldest first. A ledger that can't be read
+/// fails the replay and the other questions.
 pub fn met(ledger: &Ledger) -> Vec<Known> {
-    let others = endpoints(ledger).into_iter().filter(is_of_stack);
+    let others = ledger.endpoints().unwrap_or_default().into_iter().filter(is_of_stack);
     let met: BTreeSet<(String, ProcessId)> = others.map(|one| (one.node, one.process)).collect();
     let mut met: Vec<(String, ProcessId)> = met.into_iter().collect();
     met.sort_by_key(|(_, process)| process.start);
@@ -34,23 +39,24 @@ pub fn met(ledger: &Ledger) -> Vec<Known> {
 }
 
 /// Notes who is still there.
-pub fn note_stayed(ledger: &Ledger, roll: &mut [Known]) {
-    let alive = live_nodes(ledger, &endpoints(ledger));
+pub fn note_stayed(ledger: &Ledger, roll: &mut [Known]) -> Result<(), LedgerError> {
+    let alive = live_nodes(ledger, &ledger.endpoints()?)?;
     for known in roll {
         known.stayed = is_there(known, &alive);
     }
+    Ok(())
 }
 
 /// What has become of each.
-pub fn look(ledger: &Ledger, roll: &[Known]) -> Vec<Found> {
-    let endpoints = endpoints(ledger);
-    let alive = live_nodes(ledger, &endpoints);
+pub fn look(ledger: &Ledger, roll: &[Known]) -> Result<Vec<Found>, LedgerError> {
+    let endpoints = ledger.endpoints()?;
+    let alive = live_nodes(ledger, &endpoints)?;
     let is_own =
         |one: &Endpoint, known: &Known| one.node == known.name && mark(one.process) == known.uri;
     // Who leaves in order destroys its endpoints first.
     let has_left =
         |known: &Known| endpoints.iter().filter(|one| is_own(one, known)).all(|one| one.destroyed);
-    roll.iter().map(|known| found(known, roll, &alive, has_left(known))).collect()
+    Ok(roll.iter().map(|known| found(known, roll, &alive, has_left(known))).collect())
 }
 
 fn is_there(known: &Known, alive: &Alive) -> bool {
@@ -78,34 +84,30 @@ fn is_of_stack(one: &Endpoint) -> bool {
 }
 
 /// Each node that has an endpoint in a process that runs.
-fn live_nodes(ledger: &Ledger, endpoints: &[Endpoint]) -> Alive {
-    let running = running(ledger);
+fn live_nodes(ledger: &Ledger, endpoints: &[Endpoint]) -> Result<Alive, LedgerError> {
+    let running = running(ledger)?;
     let there = endpoints.iter().filter(|one| !one.destroyed && is_of_stack(one));
     let mut alive = Alive::new();
     for one in there.filter(|one| running.contains(&one.process)) {
         let processes = alive.entry(one.node.clone()).or_default();
         processes.insert(mark(one.process), known(one.node.clone(), one.process));
     }
-    alive
+    Ok(alive)
 }
 
-fn running(ledger: &Ledger) -> BTreeSet<ProcessId> {
-    let processes = ledger.processes().unwrap_or_default();
-    processes.iter().filter(|process| process.alive).map(|process| process.id).collect()
-}
-
-fn endpoints(ledger: &Ledger) -> Vec<Endpoint> {
-    ledger.endpoints().unwrap_or_default()
+fn running(ledger: &Ledger) -> Result<BTreeSet<ProcessId>, LedgerError> {
+    let processes = ledger.processes()?;
+    Ok(processes.iter().filter(|process| process.alive).map(|process| process.id).collect())
 }
 
 /// What each process that counts has given exit(3). Two programs of one process have begun at the same moment.
-pub fn exits(ledger: &Ledger) -> Vec<Exit> {
-    let Some(present) = Present::read() else { return Vec::new() };
+pub fn exits(ledger: &Ledger) -> Result<Vec<Exit>, LedgerError> {
+    let Some(present) = Present::read() else { return Ok(Vec::new()) };
     let of = |one: &Process| {
         let (pid, began) = (i32::try_from(one.id.pid).ok()?, present.began(one.id)?);
         Some(Exit { pid, began, status: one.exit_status.map(i32::from) })
     };
-    ledger.processes().unwrap_or_default().iter().filter_map(of).collect()
+    Ok(ledger.processes()?.iter().filter_map(of).collect())
 }
 
 /// One moment by both clocks: the one that counts also while the machine sleeps (proc(5), starttime), and ours.
@@ -137,6 +139,8 @@ fn mark(process: ProcessId) -> String {
 
 #[cfg(test)]
 mod tests {
+    use std::os::unix::fs::FileExt;
+
     use super::*;
 
     fn node(pid: i32) -> Known {
@@ -161,5 +165,18 @@ mod tests {
         assert_eq!(become_of(&[7, 8], &[8, 9], true), [Another, Same]);
         assert_eq!(become_of(&[7], &[9], false), [Another]);
         assert_eq!(become_of(&[7], &[], true), [Unregistered]);
+    }
+
+    #[test]
+    fn of_a_ledger_that_somebody_has_spoiled_nothing_is_known() {
+        let ledger = Ledger::new().unwrap();
+        let mut roll_of = [node(7), node(8)];
+        assert_eq!(look(&ledger, &roll_of).unwrap(), [Found::Unregistered, Found::Unregistered]);
+        let [(_, path), _] = ledger.environment("/ledger.so".as_ref(), None);
+        let file = std::fs::File::options().write(true).open(path).unwrap();
+        file.write_all_at(&[0xff; 1 << 16], 0).unwrap();
+        assert!(look(&ledger, &roll_of).is_err());
+        assert!(note_stayed(&ledger, &mut roll_of).is_err());
+        assert!(roll(&ledger).is_err() && exits(&ledger).is_err());
     }
 }
