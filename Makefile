@@ -26,7 +26,7 @@ UV_VERSION := 0.13.8
 # Of this checkout; VERSION in the command is the one that is asked for.
 NUMBER := $(file < VERSION)
 NAMESPACE ?= bagpipe-system
-IMAGE_NAMES := agent operator spark ros robot-state-publisher barrier-car exec-highway example-nodes ros2-standin
+IMAGE_NAMES := agent operator spark ros robot-state-publisher barrier-car exec-highway example-nodes ros2-standin ros2-rclpy
 MODULE_CRATES := log packing pictures rosbag mcap rosbag2 formats
 MEMORY_BAG_SOURCES := $(wildcard images/agent/Cargo.* images/agent/crates/python/*.* \
   images/agent/crates/python/src/*.rs images/build/module.py \
@@ -200,7 +200,7 @@ fastdds: preflight-all
 # Real nodes of ROS 2, and the librcl and Fast DDS that they run on: 12 s.
 .PHONY: rclpy
 rclpy: preflight-all venv
-	$(STEP) "Getting rclpy" --if-it-fails "Is the package index reachable? Then run it again." -- .venv/bin/python -m tests.rclpy_wheels
+	$(STEP) "Getting rclpy" --if-it-fails "Is the package index reachable? Then run it again." -- .venv/bin/python -m tests.ros2_rclpy.wheels
 
 # The packages that a folder's lock ($(1)) names, each with its hash, into another ($(2)), unless they
 # are there; no script of theirs is run. Node.js is in .venv.

@@ -207,6 +207,11 @@ def stage_ros2_standin(folder: Path) -> None:
     shutil.copytree(sources, folder / "sources", ignore=beside)
 
 
+def stage_ros2_rclpy(folder: Path) -> None:
+    shutil.copy(ROOT / "tests" / "ros2_rclpy" / "wheels.txt", folder)
+    shutil.copy(ROOT / "tests" / "ros2_real" / "nodes" / "scripts" / "answering.py", folder)
+
+
 def stage_nothing(_folder: Path) -> None:
     """Some images are all in their Dockerfile."""
 
@@ -245,6 +250,7 @@ IMAGES = [
     Image("barrier-car", ROOT / "docs/examples/barrier-car/Dockerfile", stage_barrier_car),
     Image("exec-highway", ROOT / "docs/examples/exec-highway/Dockerfile", stage_exec_highway),
     Image("ros2-standin", ROOT / "tests/ros2/Dockerfile", stage_ros2_standin),
+    Image("ros2-rclpy", ROOT / "tests/ros2_rclpy/Dockerfile", stage_ros2_rclpy),
     Image("example-nodes", ROOT / "docs/examples/example-nodes/Dockerfile", stage_example_nodes),
 ]
 

@@ -43,6 +43,7 @@ def test_the_names_are_those_of_the_contract() -> None:
         "bagpipe.local/operator:0.2.0",
         "bagpipe.local/robot-state-publisher:0.2.0",
         "bagpipe.local/ros:0.2.0",
+        "bagpipe.local/ros2-rclpy:0.2.0",
         "bagpipe.local/ros2-standin:0.2.0",
         "bagpipe.local/spark:0.2.0",
     }

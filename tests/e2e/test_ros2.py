@@ -1,7 +1,8 @@
 """Jobs of ROS 2 nodes over MCAP on the cluster.
 
 At full speed nothing is lost, and lock-step records the same bytes each time, whichever player
-plays. The client library of the image is the stand-in over Debian's Cyclone DDS.
+plays. The client library of one image is the stand-in over Debian's Cyclone DDS, and of the other
+the real rclpy over librcl and Fast DDS.
 """
 
 from pathlib import Path
@@ -18,6 +19,10 @@ pytestmark = [pytest.mark.e2e, pytest.mark.usefixtures("recordings")]
 MESSAGES = 1000
 STRING = "std_msgs/msg/String:10:reliable"
 ON_DDS = {"ros2": {"player": "dds"}}
+STEPS = [{"trigger": "/in", "answer": "/out", "deadline": "60s"}]
+LOCKSTEP = {"mode": "lockstep", "steps": STEPS}
+# In the image of the real rclpy.
+ANSWERING = "/opt/nodes/answering.py"
 
 
 def job(name: str, playback: dict[str, Any], **stack: Any) -> k.Object:
@@ -66,12 +71,14 @@ def run(namespace: str, manifest: k.Object, player: str = "rcl") -> dict[str, st
     return digests(proved(passed(namespace, manifest), player))
 
 
-def proved(rows: dict[str, dict[str, Any]], player: str = "rcl") -> dict[str, dict[str, Any]]:
+def proved(
+    rows: dict[str, dict[str, Any]], player: str = "rcl", strength: str = "called"
+) -> dict[str, dict[str, Any]]:
     """The rows of cases, each of which has its own messages and answers and nobody else's."""
     for row in rows.values():
         ledger = row["result"]["ledger"]
         assert (ledger["received"], ledger["dropped"]) == (ledger["sent"], 0)
-        assert (ledger["strength"], row["attempts"]) == ("called", 1)
+        assert (ledger["strength"], row["attempts"]) == (strength, 1)
         assert row["result"]["recorded"]["messages"] == ledger["sent"]
         assert row["result"]["player"]["name"] == player
     return rows
@@ -90,18 +97,27 @@ def drive(namespace: str, tmp_path: Path) -> None:
 def test_lock_step_is_the_same_twice_by_either_player_and_full_speed_loses_nothing(
     namespace: str,
 ) -> None:
-    steps = [{"trigger": "/in", "answer": "/out", "deadline": "60s"}]
-    lockstep = {"mode": "lockstep", "steps": steps}
-    once = run(namespace, job("ros2-lockstep-once", lockstep))
+    once = run(namespace, job("ros2-lockstep-once", LOCKSTEP))
     assert len(once) == 4
-    assert run(namespace, job("ros2-lockstep-again", lockstep)) == once
-    assert run(namespace, job("ros2-lockstep-dds", lockstep, **ON_DDS), "dds") == once
+    assert run(namespace, job("ros2-lockstep-again", LOCKSTEP)) == once
+    assert run(namespace, job("ros2-lockstep-dds", LOCKSTEP, **ON_DDS), "dds") == once
     # Two pods side by side, which have the same domain.
     at_once = job("ros2-max", {"mode": "max"})
     at_once["spec"]["spark"] = jobs.spark(2, 1)
     rows = proved(passed(namespace, at_once))
     assert rows.keys() == once.keys()
     assert len({row["ran_on"]["host"] for row in rows.values()}) == 2
+
+
+@pytest.mark.usefixtures("drive")
+def test_nodes_of_the_real_rclpy_lose_nothing_at_full_speed_and_answer_all_in_lock_step(
+    namespace: str,
+) -> None:
+    rclpy = {"image": "bagpipe.local/ros2-rclpy:0.2.0", "command": ["python3", ANSWERING]}
+    rows = passed(namespace, job("rclpy-max", {"mode": "max"}, **rclpy))
+    assert len(proved(rows, strength="taken")) == 4
+    # The answer to each input is the end of its callback.
+    assert len(proved(passed(namespace, job("rclpy-lockstep", LOCKSTEP, **rclpy)))) == 4
 
 
 @pytest.mark.usefixtures("drive")

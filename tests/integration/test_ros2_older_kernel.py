@@ -7,9 +7,10 @@ from pathlib import Path
 import pytest
 
 from bagpipe.run.case_run import Row
-from tests import older_kernel, rclpy_wheels, ros2_recording
+from tests import older_kernel, ros2_recording
 from tests.integration.conftest import RunningAgent
 from tests.integration.test_ros2_jobs import MESSAGES, run, spec
+from tests.ros2_rclpy import wheels
 
 pytestmark = pytest.mark.integration
 
@@ -20,8 +21,8 @@ ANSWERING = Path(__file__).parents[1] / "ros2_real/nodes/scripts/answering.py"
 @pytest.fixture
 def played(tmp_path: Path, start_agent: Callable[..., RunningAgent]) -> Callable[..., Row]:
     """The row of a case of these commands, one after the other, each the words behind `python`."""
-    ros2 = rclpy_wheels.installed()
-    python = rclpy_wheels.python(ros2)
+    ros2 = wheels.installed()
+    python = wheels.python(ros2)
     agent = start_agent(below=[sys.executable, older_kernel.__file__])
     folders = ros2_recording.claims(tmp_path, MESSAGES)
 
@@ -30,7 +31,7 @@ def played(tmp_path: Path, start_agent: Callable[..., RunningAgent]) -> Callable
         for number, command in enumerate(commands):
             words += ["--"] * (number > 0) + [python, *command]
         # A queue has room for all of it: of losses these tests say nothing.
-        job = spec(rclpy_wheels.environment_for_all(ros2), {"mode": "max"}, words)
+        job = spec(wheels.environment_for_all(ros2), {"mode": "max"}, words)
         return run(job, folders, agent)
 
     return play

@@ -12,9 +12,10 @@ from rosbags.rosbag1 import Writer as Bag
 from rosbags.typesys import Stores, get_typestore
 
 from bagpipe.cli.__main__ import main
-from tests import rclpy_wheels, ros2_recording
+from tests import ros2_recording
 from tests.integration.conftest import RunningAgent
 from tests.integration.test_ros2_jobs import ALL, LOCKSTEP, MESSAGES, digest, run, spec
+from tests.ros2_rclpy import wheels
 
 pytestmark = pytest.mark.integration
 
@@ -28,7 +29,7 @@ STRENGTHS = {"max": "taken", "realtime": "taken", "lockstep": "called"}
 
 @pytest.fixture(scope="session")
 def ros2() -> Path:
-    return rclpy_wheels.installed()
+    return wheels.installed()
 
 
 @pytest.fixture
@@ -38,7 +39,7 @@ def folders(tmp_path: Path) -> dict[str, str]:
 
 def answering(ros2: Path, *arguments: str) -> list[str]:
     """A node that answers each message of /in on /out."""
-    words = [rclpy_wheels.python(ros2), str(NODES / "answering.py")]
+    words = [wheels.python(ros2), str(NODES / "answering.py")]
     return [*words, "--ros-args", *arguments] if arguments else words
 
 
@@ -51,7 +52,7 @@ def test_all_that_is_sent_is_taken_and_recorded(
     ros2: Path,
     start_agent: Callable[..., RunningAgent],
 ) -> None:
-    setup = {"rcl": rclpy_wheels.environment_for_all, "dds": rclpy_wheels.environment}[player]
+    setup = {"rcl": wheels.environment_for_all, "dds": wheels.environment}[player]
     # By the clock, no pause of the machine overwrites anything in a queue that has room for all.
     depth = MESSAGES if playback is REALTIME else 10
     command = answering(ros2, "-p", f"depth:={depth}")
@@ -69,7 +70,7 @@ def test_lock_step_records_the_same_bytes_each_time(
 ) -> None:
     agent = start_agent()
     command = answering(ros2, "-p", "use_sim_time:=true")
-    job = spec(rclpy_wheels.environment_for_all(ros2), LOCKSTEP, command)
+    job = spec(wheels.environment_for_all(ros2), LOCKSTEP, command)
     digests = set()
     for _ in range(3):
         row = run(job, folders, agent)
@@ -85,7 +86,7 @@ def test_who_sleeps_by_the_clock_has_lost_what_its_queue_of_ten_had_no_room_for(
 ) -> None:
     """200 messages a second, and its first two callbacks sleep for 0.4 s each."""
     command = answering(ros2, "-p", "sleeps:=2")
-    job = spec(rclpy_wheels.environment_for_all(ros2), REALTIME, command)
+    job = spec(wheels.environment_for_all(ros2), REALTIME, command)
     row = run(job, folders, start_agent())
     assert (row["outcome"], row["reason"]) == ("failed", "MessagesLost"), row
     ledger = row["result"]["ledger"]
@@ -101,7 +102,7 @@ def test_two_nodes_of_one_name_are_a_line_each_and_both_are_recorded(
     one, other = answering(ros2), answering(ros2, "-r", "out:=out_other")
     both = " ".join(one) + " & exec " + " ".join(other)
     job = spec(
-        rclpy_wheels.environment_for_all(ros2),
+        wheels.environment_for_all(ros2),
         MAX,
         ["bash", "-c", both],
         record={"topics": ["/out.*"]},
@@ -138,7 +139,7 @@ def test_a_drive_of_ros_1_is_played_once_its_messages_are_those_of_ros_2(
     made = CliRunner().invoke(main, [*words, "--messages", "ros2"])
     assert made.exit_code == 0, made.output
     row = run(
-        spec(rclpy_wheels.environment_for_all(ros2), LOCKSTEP, answering(ros2)),
+        spec(wheels.environment_for_all(ros2), LOCKSTEP, answering(ros2)),
         folders,
         start_agent(),
     )
@@ -159,6 +160,6 @@ def test_a_node_that_nobody_counts_proves_nothing(
     folders: dict[str, str], ros2: Path, start_agent: Callable[..., RunningAgent]
 ) -> None:
     command = ["env", "-u", "LD_PRELOAD", *answering(ros2)]
-    row = run(spec(rclpy_wheels.environment(ros2), MAX, command), folders, start_agent())
+    row = run(spec(wheels.environment(ros2), MAX, command), folders, start_agent())
     assert (row["outcome"], row["reason"]) == ("invalid", "DeliveryUnproved"), row
     assert "what /answering got on /in is proved no further than `sent`" in row["message"]

@@ -1,9 +1,9 @@
 """ROS 2's own libraries from PyPI: rclpy, librcl and Fast DDS of Jazzy, in a folder of their own.
 
 The wheels are a third party's (https://github.com/ycheng517/ros-python-wheels), each pinned by its
-hashes in rclpy_wheels.txt: what nodes need to run, none of what builds packages, and no rclcpp.
+hashes in wheels.txt: what nodes need to run, none of what builds packages, and no rclcpp.
 
-`python3 -m tests.rclpy_wheels` installs them, and prints the folder that they are in.
+`python3 -m tests.ros2_rclpy.wheels` installs them, and prints the folder that they are in.
 """
 
 import subprocess
