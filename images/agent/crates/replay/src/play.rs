@@ -5,7 +5,7 @@ use std::ops::Range;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use bagpipe_graph::{Middleware, Node, Outlet, Publication, Share};
+use bagpipe_graph::{Middleware, Node, Outlet, Publication, SendError, Share};
 
 use crate::batch::Batch;
 use crate::clock::{BagClock, Schedule};
@@ -19,6 +19,8 @@ use crate::{Mode, ReplayError, ReplayRequest};
 
 /// The time between two questions whether a pause is over.
 const ASK: Duration = Duration::from_millis(10);
+/// How long a time may wait for its readers of which no message depends.
+const SHOWN: Duration = Duration::from_millis(50);
 /// The tick of a /clock that does not advance between two messages.
 const STEPPED: u64 = u64::MAX;
 
@@ -146,6 +148,7 @@ impl<'a, O: Outlet + ?Sized> Player<'a, O> {
     /// Sends what was latched before the lead-in, at the lead-in's start.
     pub(crate) fn play_latched(&mut self, watch: &mut Watch<'_>) -> Result<(), ReplayError> {
         for &place in &self.plan.latched {
+            self.work_off();
             self.send(place, Share::LeadIn, watch)?;
         }
         Ok(())
@@ -194,6 +197,7 @@ impl<'a, O: Outlet + ?Sized> Player<'a, O> {
                 Mode::Max | Mode::Lockstep => self.move_to(message.time),
             }
             self.tick(message.time, watch)?;
+            self.work_off_clock();
             if place == last && share == Share::Counted {
                 // A stack that has ended by now did not end behind the last message.
                 watch.check()?;
@@ -338,22 +342,61 @@ impl<'a, O: Outlet + ?Sized> Player<'a, O> {
     }
 
     /// Publishes the time that /clock shows when it is not advanced by messages: before the
-    /// play, where a node may wait for a valid time, and during the drain.
+    /// play, where a node may wait for a valid time, and during the drain. Who does not take it, as
+    /// one that waits for a service before it spins, is waited for a moment alone.
     pub(crate) fn show_clock(&mut self, watch: &mut Watch<'_>) -> Result<(), ReplayError> {
-        let time = if self.tick == STEPPED { self.last_tick } else { self.clock.now() };
-        self.tick(time, watch)
+        let until = watch.now() + SHOWN;
+        self.tick_until(self.shown(), Some(until), watch)
+    }
+
+    /// The same, which everybody is to have before the next time.
+    pub(crate) fn show_clock_to_all(&mut self, watch: &mut Watch<'_>) -> Result<(), ReplayError> {
+        self.tick(self.shown(), watch)
+    }
+
+    /// What /clock shows where no message advances it.
+    fn shown(&self) -> u64 {
+        if self.tick == STEPPED { self.last_tick } else { self.clock.now() }
     }
 
     fn tick(&mut self, time: u64, watch: &mut Watch<'_>) -> Result<(), ReplayError> {
+        self.tick_until(time, None, watch)
+    }
+
+    /// The same, of which nothing depends behind a moment, where there is one.
+    fn tick_until(
+        &mut self,
+        time: u64,
+        until: Option<Instant>,
+        watch: &mut Watch<'_>,
+    ) -> Result<(), ReplayError> {
         let Some(topic) = &self.clock_topic else { return Ok(()) };
         self.last_tick = time;
         let frame = self.middleware.clock_frame(time);
         topic.latch("", Share::LeadIn, &frame);
-        let sent = topic.send(Share::LeadIn, &[&frame], &mut || watch.must_stop());
-        sent.map_err(|error| watch.failed(error))?;
-        match &self.stepper {
-            Some(stepper) => stepper.settle_clock(&**topic, &frame, watch),
+        let mut over = || watch.must_stop() || until.is_some_and(|until| watch.now() >= until);
+        let sent = topic.send(Share::LeadIn, &[&frame], &mut over);
+        let settled = sent.and_then(|()| match &self.stepper {
+            Some(stepper) => stepper.settle_clock(&**topic, &frame, &mut over),
             None => Ok(()),
+        });
+        match settled {
+            Err(SendError::Cancelled) if !watch.must_stop() => Ok(()),
+            settled => settled.map_err(|error| watch.failed(error)),
+        }
+    }
+
+    /// In lock-step, what timers of the time that was just shown do comes before its message.
+    fn work_off_clock(&self) {
+        if self.clock_topic.is_some() {
+            self.work_off();
+        }
+    }
+
+    /// In lock-step, what the stack has to do is done before the next message.
+    fn work_off(&self) {
+        if let Some(stepper) = &self.stepper {
+            stepper.work_off();
         }
     }
 
@@ -398,7 +441,9 @@ impl<'a, O: Outlet + ?Sized> Player<'a, O> {
     /// Simulated time is `time` from now on, and everybody has read so.
     pub(crate) fn advance(&mut self, time: u64, watch: &mut Watch<'_>) -> Result<(), ReplayError> {
         self.move_to(time);
-        self.tick(time, watch)
+        self.tick(time, watch)?;
+        self.work_off_clock();
+        Ok(())
     }
 
     /// In lock-step, topics of which every message was answered, and by whom.

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use bagpipe_graph::{Node, Outlet, Share};
+use bagpipe_graph::{Cancelled, Node, Outlet, SendError, Share};
 
 use crate::ReplayError;
 use crate::answers::Answers;
@@ -43,19 +43,31 @@ impl<'a> Stepper<'a> {
         &self,
         topic: &(impl Outlet + ?Sized),
         frame: &[u8],
-        watch: &mut Watch<'_>,
-    ) -> Result<(), ReplayError> {
-        await_read(topic, watch)?;
-        let again = topic.send(Share::LeadIn, &[frame], &mut || watch.must_stop());
-        again.map_err(|error| watch.failed(error))?;
-        await_read(topic, watch)
+        cancelled: Cancelled<'_>,
+    ) -> Result<(), SendError> {
+        topic.await_unread(0, cancelled)?;
+        topic.send(Share::LeadIn, &[frame], cancelled)?;
+        topic.await_unread(0, cancelled)
     }
 
-    /// Before simulated time becomes `time`: what has come belongs to the time before.
+    /// Before simulated time becomes `time`, which it may be already: what has come belongs to the time
+    /// before.
     pub(crate) fn leave(&mut self, time: u64) {
-        if self.now.replace(time).is_some_and(|now| now != time) {
-            self.sweep();
-            self.recorder.end_step();
+        match self.now.replace(time) {
+            None => {}
+            Some(now) if now == time => self.work_off(),
+            Some(_) => {
+                self.sweep();
+                self.recorder.end_step();
+            }
+        }
+    }
+
+    /// Where it is known what the stack has to do, that is done first: else what a node makes of one
+    /// message and the next one of the same time come to a third node in any order.
+    pub(crate) fn work_off(&self) {
+        if self.node.counts_publishes() {
+            self.node.sweep(SWEEP);
         }
     }
 

@@ -80,7 +80,7 @@ fn begin(
     watch: &mut Watch<'_>,
 ) -> Result<(), ReplayError> {
     // Whoever is there has this time before the next one, in each run.
-    player.show_clock(watch)?;
+    player.show_clock_to_all(watch)?;
     let begin = watch.now() + request.start.delay;
     while watch.now() < begin {
         watch.sleep_until(begin.min(watch.now() + LOOK))?;

@@ -4,10 +4,13 @@ use std::time::SystemTime;
 
 use bagpipe_graph::TopicInfo;
 
+/// Where simulated time is shown.
+pub(crate) const CLOCK: &str = "/clock";
+
 /// The topic as ROS 2 has it: who waits for time reads the last one alone.
 pub(crate) fn clock_topic() -> TopicInfo {
     TopicInfo {
-        topic: "/clock".to_owned(),
+        topic: CLOCK.to_owned(),
         datatype: "rosgraph_msgs/msg/Clock".to_owned(),
         definition: "builtin_interfaces/Time clock\n\
                      ================================================================================\n\

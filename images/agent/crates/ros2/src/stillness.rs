@@ -17,6 +17,8 @@ const DOUBTFUL: Duration = Duration::from_secs(1);
 /// until nothing more is waited for.
 const HALVED: u32 = 6;
 const IN_A_ROW: u32 = 8;
+/// How often a callback is waited for that is not over in time: each time may last as long as a drain.
+const AGAIN: u32 = 3;
 /// How long the end of a callback that may never show is waited for, while everybody sleeps: of a node
 /// without tracepoints that has several threads, the last ones come back with the next message only.
 const COMES_BACK: Duration = Duration::from_millis(100);
@@ -45,10 +47,37 @@ struct State {
     sent: Vec<u64>,
     /// Node and topic of what did not come.
     lacks: BTreeMap<Whose, Lacks>,
-    /// Those whose callback did not end: it is not waited for again. Of timers and services the node is not known: in
-    /// its place is nothing, and in the topic's the process with how many run, of which one more is
-    /// waited for.
-    stuck: BTreeSet<Whose>,
+    stuck: Stuck,
+}
+
+/// Those whose callback was waited for in vain. Of timers and services the node is not known: in its place is nothing,
+/// and in the topic's the process with how many run, of which one more is waited for.
+#[derive(Default)]
+struct Stuck {
+    /// Whose callback runs still: it is not waited for again.
+    now: BTreeSet<Whose>,
+    /// How often each was.
+    ever: BTreeMap<Whose, u32>,
+}
+
+impl Stuck {
+    /// Takes in whose callback was waited for in vain.
+    fn add(&mut self, those: &BTreeSet<Whose>) {
+        for one in those.difference(&self.now) {
+            *self.ever.entry(one.clone()).or_default() += 1;
+        }
+        self.now.extend(those.iter().cloned());
+    }
+
+    /// Takes in who has something `left`: who has nothing has come to its end after all, and is waited for
+    /// again, some times.
+    fn look(&mut self, left: &BTreeSet<Whose>) {
+        let Stuck { now, ever } = self;
+        now.retain(|one| {
+            let is_again = ever.get(one).is_some_and(|times| *times >= AGAIN);
+            one.0.is_empty() || is_again || left.contains(one)
+        });
+    }
 }
 
 /// How often something did not come to a node on a topic.
@@ -194,6 +223,7 @@ impl Stillness {
             rest = match ledger.quiet(before, &since)? {
                 Quiet::Still(mark) => {
                     still = Some(mark);
+                    stuck.look(&BTreeSet::new());
                     // What was on its way at an earlier look has come.
                     rest = Rest::default();
                     return Ok(true);
@@ -201,7 +231,8 @@ impl Stillness {
                 Quiet::Working(busy) => Rest::of_busy(ledger, &busy)?,
                 Quiet::Unknown(doubts) => Rest::of_doubts(doubts),
             };
-            let Some(limit) = rest.limit(lacks, stuck) else {
+            stuck.look(&rest.left);
+            let Some(limit) = rest.limit(lacks, &stuck.now) else {
                 doubt = Doubt::default();
                 return Ok(false);
             };
@@ -214,7 +245,7 @@ impl Stillness {
             None => ledger.mark()?,
         });
         if waited == Waited::Late {
-            stuck.extend(rest.called.iter().cloned());
+            stuck.add(&rest.called);
         }
         rest.give_up(lacks);
         *sent = now;
@@ -232,10 +263,11 @@ impl Stillness {
         };
         let certain = state.lacks.iter().filter(|(_, lacks)| lacks.certain).map(|(whose, _)| whose);
         let named = certain.filter(|(node, topic)| !node.is_empty() && !topic.is_empty());
-        let endless = state.stuck.iter().map(|(node, topic)| {
+        let endless = state.stuck.ever.keys().map(|(node, topic)| {
             let whose = if node.is_empty() { topic.clone() } else { format!("{node} on {topic}") };
             format!(
-                "a callback of {whose} did not end, so that lock-step does not wait for it any more"
+                "a callback of {whose} was not over in the time that lock-step waits for one, so that it went on \
+                 before its end"
             )
         });
         named.map(remark).chain(endless).collect()
@@ -291,6 +323,28 @@ mod tests {
         let mut lacks = BTreeMap::new();
         lacking(false).give_up(&mut lacks);
         assert!(lacks[&whose("/node")].certain);
+    }
+
+    #[test]
+    fn who_comes_to_its_end_late_is_waited_for_again_three_times_and_stays_named() {
+        let (mut stuck, all) = (Stuck::default(), BTreeSet::from([whose("/node")]));
+        for times in 1..=3 {
+            stuck.look(&all);
+            assert!(stuck.now.is_empty(), "{times}");
+            stuck.add(&all);
+            // It runs still.
+            stuck.look(&all);
+            stuck.add(&all);
+            assert_eq!((&stuck.now, stuck.ever[&whose("/node")]), (&all, times));
+            stuck.look(&BTreeSet::new());
+        }
+        assert_eq!(stuck.now, all);
+        // How many timers run is in the name: one less is no end of one.
+        let timers = BTreeSet::from([(String::new(), "process 7, of 2 timers".to_owned())]);
+        let mut stuck = Stuck::default();
+        stuck.add(&timers);
+        stuck.look(&BTreeSet::new());
+        assert_eq!(stuck.now, timers);
     }
 
     #[test]

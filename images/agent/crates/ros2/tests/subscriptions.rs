@@ -339,6 +339,20 @@ fn what_the_command_line_publishes_beside_the_stack_is_compared_with_nothing() {
 }
 
 #[test]
+fn by_the_clock_who_is_slow_to_take_the_time_holds_nothing_up() {
+    let scene = Scene::new();
+    // A message comes each millisecond, and its callback takes twenty; so does that of the time.
+    let slow = ["--sub", "/clock:rosgraph_msgs/msg/Clock:1:best_effort", "--delay-us", "20000"];
+    let _relay = scene.start("standin_node", &relay("/slow", ONE, &slow));
+    scene.await_subscriptions(2);
+    let ask = Ask { use_sim_time: true, ..REALTIME };
+    let replayed = scene.play(&recording(&["/in"], 100, 50), &ask).unwrap();
+    let line = &lines(&replayed)[0];
+    assert_eq!(line.received + line.dropped, 100, "{line:?}");
+    assert!(line.dropped > 50, "{line:?}");
+}
+
+#[test]
 fn what_the_command_line_has_missed_behind_its_end_is_not_lost() {
     // It takes the first ten, or all but the last three: nobody looks once more before the end.
     for (mode, takes) in [Mode::Realtime, Mode::Max, Mode::Lockstep]

@@ -1,5 +1,6 @@
 //! Outlets in memory.
 
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -27,12 +28,20 @@ pub(super) struct Log {
     clock: Arc<BagClock>,
     sent: Arc<Mutex<Vec<Sent>>>,
     reader: Arc<Mutex<Option<Reader>>>,
+    /// Nobody takes the time.
+    clock_waits: Arc<AtomicBool>,
 }
 
 impl Log {
     pub(super) fn new(by_hand: &Arc<ByHand>, clock: &Arc<BagClock>) -> Log {
         let (by_hand, clock) = (Arc::clone(by_hand), Arc::clone(clock));
-        Log { by_hand, clock, sent: Arc::default(), reader: Arc::default() }
+        let clock_waits = Arc::default();
+        Log { by_hand, clock, sent: Arc::default(), reader: Arc::default(), clock_waits }
+    }
+
+    /// From now on nobody takes the time, for which its sender waits.
+    pub(super) fn let_clock_wait(&self) {
+        self.clock_waits.store(true, Ordering::Relaxed);
     }
 
     /// Each word goes to `reader` before its sending is over.
@@ -79,7 +88,13 @@ impl Outlet for Kept {
 
     fn latch(&self, _: &str, _: Share, _: &[u8]) {}
 
-    fn send(&self, _: Share, frames: &[&[u8]], _: Cancelled<'_>) -> Result<(), SendError> {
+    fn send(&self, _: Share, frames: &[&[u8]], cancelled: Cancelled<'_>) -> Result<(), SendError> {
+        while self.topic == "/clock" && self.log.clock_waits.load(Ordering::Relaxed) {
+            if cancelled() {
+                return Err(SendError::Cancelled);
+            }
+            self.log.by_hand.time().sleep(Duration::from_millis(10));
+        }
         for frame in frames {
             let (at, bag) = (self.log.by_hand.passed(), self.log.clock.now());
             let sent = Sent { at, bag, topic: self.topic.clone(), frame: frame.to_vec() };

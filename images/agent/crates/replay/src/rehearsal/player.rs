@@ -123,6 +123,26 @@ fn time_goes_in_steps_where_a_clock_is_shown_in_lock_step_and_advances_with_who_
 }
 
 #[test]
+fn a_time_of_which_no_message_depends_waits_for_nobody() {
+    for mode in [Mode::Max, Mode::Lockstep] {
+        let by_hand = ByHand::new();
+        let mut request = request(&by_hand, window(1_000, 2_000));
+        (request.mode, request.use_sim_time) = (mode, true);
+        let rehearsal = Rehearsal::new(&by_hand, request);
+        rehearsal.log.let_clock_wait();
+        rehearsal.cancels(ms(170), Cancellation::Terminated);
+        rehearsal.play(&bag(&MESSAGES), |player, _, watch| {
+            let mut show = || player.show_clock(watch).map_err(|error| error.reason());
+            assert_eq!([show(), show()], [Ok(()), Ok(())]);
+            assert_eq!(by_hand.passed(), ms(100));
+            // Who needs it waits until somebody wants an end.
+            let shown = player.show_clock_to_all(watch).map_err(|error| error.reason());
+            assert_eq!((shown, by_hand.passed()), (Err("Terminated"), ms(170)));
+        });
+    }
+}
+
+#[test]
 fn who_answered_each_message_is_known_of_the_topic_that_was_answered() {
     let by_hand = ByHand::new();
     let mut request = request(&by_hand, window(0, 9_000));

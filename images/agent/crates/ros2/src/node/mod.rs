@@ -19,6 +19,7 @@ use bagpipe_ros2player::{Player, Reliability};
 
 use self::others::Around;
 use crate::audit::Reader;
+use crate::clock::CLOCK;
 use crate::definition::otherwise_installed;
 use crate::error::failed;
 use crate::handed::Handed;
@@ -167,7 +168,7 @@ impl Node for Graph {
         let otherwise = otherwise_installed(&info, &self.prefixes);
         let wanted = self.qos.get(&info.topic).copied().unwrap_or_default();
         let mut played = qos::played(&info, wanted);
-        if info.topic == "/clock" && wanted.reliability.is_none() {
+        if info.topic == CLOCK && wanted.reliability.is_none() {
             played.reliability = Reliability::Reliable;
         }
         let publisher = self.means.player.advertise(&info.topic, &info.datatype, &played);

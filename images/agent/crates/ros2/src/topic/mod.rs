@@ -16,6 +16,7 @@ use bagpipe_ros2ledger::{Endpoint, Kind, Ledger, LedgerError};
 use bagpipe_ros2player::{Player, PublisherId, Qos};
 
 use crate::absence::Absence;
+use crate::clock::CLOCK;
 use crate::link::{Link, Totals};
 use crate::qos::incompatible;
 use crate::unnamed::Unnamed;
@@ -164,6 +165,11 @@ impl Topic {
 
     fn links(&self) -> Arc<Vec<Arc<Link>>> {
         Arc::clone(&self.links.read().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    /// Whether it is simulated time.
+    fn is_clock(&self) -> bool {
+        self.info.topic == CLOCK
     }
 
     /// Messages that went out by now.

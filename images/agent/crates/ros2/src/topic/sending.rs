@@ -169,8 +169,11 @@ impl Topic {
                     staged = self.stage(message)?;
                     self.await_room(message.len() as u64, cancelled)?;
                 }
-                (PacedBy::Schedule, Share::LeadIn) => self.await_first(message, cancelled)?,
-                (PacedBy::Schedule, Share::Counted) => {}
+                // By the clock, time waits for nobody, nor what would be due meanwhile.
+                (PacedBy::Schedule, Share::LeadIn) if !self.is_clock() => {
+                    self.await_first(message, cancelled)?;
+                }
+                (PacedBy::Schedule, _) => {}
             }
             if self.count(share, message.len())? {
                 return Ok(staged);

@@ -145,6 +145,8 @@ impl Topic {
         if !self.links().iter().any(|link| is_people(link)) {
             return;
         }
+        // Else who comes meanwhile would have gone by what was read before.
+        let _looked = self.looked.lock().unwrap_or_else(PoisonError::into_inner);
         // A ledger that can't be read fails what is asked next.
         let Ok(look) = Look::at(&self.means.ledger) else { return };
         let there = look.subscriptions(&self.info.topic);
