@@ -36,7 +36,7 @@ CRASH = "echo 'the laser is on fire' >&2; exit 3"
 BAGS = [
     Bad("bag-missing", bags("no/such.bag"), "BagMissing", "pvc://recordings/no/such.bag"),
     Bad("bag-unreadable", bags("bad/text.bag"), "BagUnreadable", "expected b'#ROSBAG V2.0"),
-    Bad("bag-empty", bags("bad/empty.bag"), "BagEmpty", "0 bytes"),
+    Bad("bag-empty", bags("bad/empty.bag"), "BagCut", "0 bytes"),
     Bad("bag-cut", bags("bad/cut.bag"), "BagCut", "the file ends at byte 389444"),
     Bad(
         "no-topics",

@@ -141,7 +141,7 @@ def test_a_faulty_bag_is_reported_and_the_others_go_on(tmp_path: Path) -> None:
         "none": "BagMissing",
         "bag": "BagMissing",
         "cut": "BagCut",
-        "empty": "BagEmpty",
+        "empty": "BagCut",
         "text": "BagUnreadable",
         "camera": "NoMatchingTopics",
     }

@@ -262,6 +262,27 @@ def test_what_can_t_be_planned_says_why(tmp_path: Path) -> None:
     assert "none of the topics /c is in the bag; it has /a, /b, /map" in made.unplanned[0].message
 
 
+@pytest.mark.parametrize("form", FORMS, ids=str)
+def test_a_file_of_no_bytes_is_refused_and_one_of_no_messages_is_not(
+    form: Form, tmp_path: Path
+) -> None:
+    drive_files = split(drive(), 30)
+    metadata = folder(tmp_path / "silent", form, [drive_files[0], [], drive_files[1]])
+    made = planned(metadata, source(length="60s"))
+    assert made.unplanned == []
+    assert [(case.messages, len(case.parts)) for case in made.cases] == [(61, 2)]
+    (middle,) = metadata.parent.glob("silent_1.*")
+    middle.write_bytes(b"")
+    text = refused(metadata)
+    wrong = "the file is empty (0 bytes): copy it again"
+    if form.storage == "sqlite3":
+        wrong = "table"  # as SQLite takes no bytes for a database without one
+    if form.mode == "FILE":
+        wrong = "incomplete frame"
+    assert f"{middle.name}: " in text
+    assert wrong in text
+
+
 @pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
 def test_the_metadata_s_encoding_is_the_one_that_counts(storage: str, tmp_path: Path) -> None:
     # As rosbag2 goes by it, whatever the file says.

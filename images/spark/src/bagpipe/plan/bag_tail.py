@@ -104,7 +104,8 @@ def read_tail(read: Read, size: int) -> BagTail:
     Raises BagError with the reason BagEmpty, BagUnreadable, BagCut or BagNotIndexed.
     """
     if size == 0:
-        raise BagError("BagEmpty", "the file is empty (0 bytes)")
+        # A recorder writes a head first, so that bytes are missing: messages may be, too.
+        raise BagError("BagCut", "the file is empty (0 bytes): copy it again")
     head = read(0, min(_FILE_HEADER_BYTES + len(MAGIC) + 64, size))
     if head.startswith(MCAP_MAGIC):
         return _tail(size, mcap_summary.read_index(read, size, head, _parsed))
