@@ -86,6 +86,15 @@ impl<'a> Timeline<'a> {
         self.places.get(index).map(|place| place.time)
     }
 
+    /// The first message of each connection that has one.
+    pub fn firsts(&self) -> HashMap<u32, Message<'a>> {
+        let mut firsts = HashMap::new();
+        for place in &self.places {
+            firsts.entry(place.connection).or_insert_with(|| self.message(place));
+        }
+        firsts
+    }
+
     /// The places of the messages with `start <= time < end`.
     pub fn between(&self, start: u64, end: u64) -> Range<usize> {
         let first = self.places.partition_point(|place| place.time < start);

@@ -49,13 +49,16 @@ impl<'a> Plan<'a> {
         request: &ReplayRequest,
     ) -> Result<Plan<'a>, ReplayError> {
         let mut draft = Draft::new(request);
-        let mut parts = Vec::with_capacity(bags.len());
+        let mut timelines = Vec::with_capacity(bags.len());
         for (at, bag) in bags.iter().enumerate() {
-            let numbers = draft.add(*bag, bags.len() == 1)?;
-            let timeline = bag.timeline(&|connection| numbers.contains_key(&connection.id));
+            let timeline = bag.timeline(&|connection| draft.names.has(&connection.topic));
             let unreadable = |error| ReplayError::BagUnreadable { bag: at, error };
-            parts.push((timeline.map_err(unreadable)?, numbers));
+            let timeline = timeline.map_err(unreadable)?;
+            draft.define(*bag, &timeline.firsts())?;
+            timelines.push(timeline);
         }
+        let add = |(bag, timeline)| (timeline, draft.add(bag, bags.len() == 1));
+        let parts: Vec<_> = bags.iter().copied().zip(timelines).map(add).collect();
         let Draft { topics, routes, latching, .. } = draft;
         let timeline = match <[_; 1]>::try_from(parts) {
             Ok([(alone, _)]) => alone,
@@ -147,18 +150,39 @@ impl Draft {
         }
     }
 
+    /// Has the connections that speak decide what the topics are; `firsts` has their first messages.
+    fn define(
+        &mut self,
+        bag: &dyn Recording,
+        firsts: &HashMap<u32, Message<'_>>,
+    ) -> Result<(), ReplayError> {
+        for connection in bag.connections().iter().filter(|each| firsts.contains_key(&each.id)) {
+            for name in self.names.published_as(&connection.topic) {
+                place(&mut self.topics, &mut self.places, &name, connection)?;
+            }
+            self.readable(connection)?;
+        }
+        Ok(())
+    }
+
     /// Takes a bag's connections in; answers the numbers that those to be played have in the
-    /// play: their own ones if the bag is `alone`.
-    fn add(&mut self, bag: &dyn Recording, alone: bool) -> Result<HashMap<u32, u32>, ReplayError> {
+    /// play: their own ones if the bag is `alone`. One that is not of its topic's type, or not
+    /// readable, is silent, as [`Draft::define`] let it pass.
+    fn add(&mut self, bag: &dyn Recording, alone: bool) -> HashMap<u32, u32> {
         let mut numbers = HashMap::new();
         let mut offered: HashMap<usize, Offered> = HashMap::new();
         let mut latchers = latchers(bag.connections());
         for connection in bag.connections() {
+            if self.readable(connection).is_err() {
+                continue;
+            }
             let late = self.late.get(&resolved(&connection.topic)).copied().unwrap_or_default();
             let in_force = late.in_force(connection.in_force());
             let mut topics = Vec::new();
             for name in self.names.published_as(&connection.topic) {
-                let at = place(&mut self.topics, &mut self.places, &name, connection)?;
+                let Ok(at) = place(&mut self.topics, &mut self.places, &name, connection) else {
+                    continue;
+                };
                 self.topics[at].latching |= in_force > 0;
                 offered.entry(at).or_default().add(connection.offered_qos.as_deref());
                 topics.push(at);
@@ -166,7 +190,6 @@ impl Draft {
             if topics.is_empty() {
                 continue;
             }
-            self.readable(connection)?;
             let number = if alone { connection.id } else { self.routes.len() as u32 };
             numbers.insert(connection.id, number);
             let caller_id = connection.caller_id.clone().unwrap_or_default();
@@ -178,7 +201,7 @@ impl Draft {
         for (at, offered) in offered {
             offered.join(&mut self.topics[at].offered_qos);
         }
-        Ok(numbers)
+        numbers
     }
 
     fn readable(&self, connection: &Connection) -> Result<(), ReplayError> {
@@ -191,7 +214,7 @@ impl Draft {
     }
 }
 
-/// The place of a published topic, which the first connection defines.
+/// The place of a published topic, which the first connection that comes here defines.
 fn place(
     topics: &mut Vec<TopicInfo>,
     places: &mut BTreeMap<String, usize>,
@@ -296,6 +319,11 @@ impl Names {
         }
         let wanted = request.topics.iter().map(|topic| resolved(topic)).collect();
         Names { wanted, by_recorded, taken }
+    }
+
+    /// Whether a recorded topic is played.
+    fn has(&self, recorded: &str) -> bool {
+        !self.published_as(recorded).is_empty()
     }
 
     /// The names of a recorded topic; none if it is not played. A recorded topic whose own

@@ -1,13 +1,15 @@
 //! Several channels of one topic of ROS 2, as folders whose files were recorded of other publishers
 //! have.
 
-use bagpipe_log::{Connection, Recording, SchemaEncoding};
+use bagpipe_log::{
+    Connection, MessageEncoding, Recording, RecordingError, SchemaEncoding, Timeline,
+};
 use bagpipe_mcap::{Mcap, McapWriter, WriterOptions};
 
 use super::bags::words;
 use super::{ByHand, request, window};
-use crate::ReplayError;
 use crate::plan::Plan;
+use crate::{ReplayError, ReplayRequest};
 
 const BEST_EFFORT: &str = "- history: 3\n  depth: 0\n  reliability: 2\n  durability: 2\n";
 const LATCHED: &str = "- history: 1\n  depth: 3\n  reliability: 1\n  durability: 1\n";
@@ -33,6 +35,29 @@ fn recording(channels: &[Connection]) -> Mcap {
         writer.write(id, 1_000_000 * at, b"\0\0\0\0").unwrap();
     }
     Mcap::open(writer.finish().unwrap()).unwrap()
+}
+
+/// A recording behind channels without a message, which our own writer leaves out.
+struct Behind(Vec<Connection>, Mcap);
+
+impl Behind {
+    fn new(silent: &[Connection], recording: Mcap) -> Behind {
+        let numbered = (1_000..).zip(silent).map(|(id, each)| Connection { id, ..each.clone() });
+        Behind(numbered.chain(recording.connections().iter().cloned()).collect(), recording)
+    }
+}
+
+impl Recording for Behind {
+    fn connections(&self) -> &[Connection] {
+        &self.0
+    }
+
+    fn timeline(
+        &self,
+        wanted: &dyn Fn(&Connection) -> bool,
+    ) -> Result<Timeline<'_>, RecordingError> {
+        Recording::timeline(&self.1, wanted)
+    }
 }
 
 /// The quality of service that the one topic of these recordings is played with.
@@ -78,5 +103,33 @@ fn one_name_of_two_definitions_is_two_types_where_there_are_no_md5_sums() {
     let text = error.to_string();
     for field in ["field 1 of p/X: float64 metres", "field 1 of p/X: int32 feet"] {
         assert!(text.contains(field), "{text}");
+    }
+}
+
+#[test]
+fn a_channel_without_a_message_is_no_fault_whatever_its_encoding_and_type() {
+    let json = Connection {
+        topic: "/events".to_owned(),
+        message_encoding: MessageEncoding::Other("json".to_owned()),
+        ..channel("", None)
+    };
+    let feet = Connection { datatype: "p/msg/Y".to_owned(), ..channel("int32 feet\n", None) };
+    let later = Connection { topic: "/later".to_owned(), ..channel("float64 metres\n", None) };
+    let spoken = channel("float64 metres\n", Some(BEST_EFFORT));
+    let everything =
+        ReplayRequest { topics: Vec::new(), ..request(&ByHand::new(), window(0, 9_000)) };
+    let silent = [json.clone(), feet.clone(), later];
+    let first = Behind::new(&silent, recording(std::slice::from_ref(&spoken)));
+    let second = Behind::new(std::slice::from_ref(&feet), recording(&[]));
+    for files in [&[&first as &dyn Recording][..], &[&second, &first], &[&first, &second]] {
+        let plan = Plan::new(files, &everything).unwrap();
+        assert_eq!(plan.counted.len(), 1);
+        let topics = plan.topics.iter().map(|each| (&*each.topic, &*each.datatype));
+        assert_eq!(topics.collect::<Vec<_>>(), [("/a", "p/msg/X"), ("/later", "p/msg/X")]);
+        assert_eq!(plan.topics[0].offered_qos.as_deref(), Some(BEST_EFFORT));
+    }
+    for wrong in [json, feet] {
+        let file = recording(&[spoken.clone(), wrong]);
+        assert!(Plan::new(&[&file], &everything).is_err());
     }
 }
