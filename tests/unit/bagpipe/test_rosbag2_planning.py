@@ -9,11 +9,15 @@ from typing import Any
 
 import pytest
 
+from bagpipe.cli.bag_here import recording_at
+from bagpipe.encodings import CDR
+from bagpipe.pieces import SequencePart
 from bagpipe.plan.bag_tail import BagError, Chunk, read_tail
 from bagpipe.plan.case import Case
 from bagpipe.plan.conditions import Conditions, Crossing
 from bagpipe.plan.fragments import cut
 from bagpipe.plan.made import Plan
+from bagpipe.plan.parts import PartPlanner
 from bagpipe.plan.rosbag2 import Rosbag2, read_metadata, without_members
 from bagpipe.run.laptop import planned_case, write_fragment
 from bagpipe.source.bags.expanding import recordings
@@ -25,6 +29,7 @@ from bagpipe.source.bags.folder_stream import (
 from bagpipe.source.bags.planning import fragments
 from bagpipe.source.chosen import source_of
 from bagpipe.source.expanding import expanded
+from bagpipe.source.part_reader import PartReader
 from bagpipe.source.planning import plan
 from bagpipe.source_spec import Source
 from bagpipe.spec import SimulationJobSpec
@@ -312,6 +317,26 @@ def test_a_part_of_a_folder_alone_says_what_to_name(tmp_path: Path) -> None:
     data = metadata.read_bytes()
     with pytest.raises(BagError, match="a folder of rosbag2, which is not taken here"):
         read_tail(lambda at, length: data[at : at + length], len(data))
+
+
+def test_a_piece_of_messages_compressed_one_by_one_is_refused_until_it_is_converted(
+    tmp_path: Path,
+) -> None:
+    messages = drive()
+    metadata = folder(tmp_path / "packed", Form("mcap", "MESSAGE", 8), [messages])
+    piece = SequencePart.model_validate({"bag": "pvc://drives/packed/packed_0.mcap"})
+    storage = Storage({"drives": str(tmp_path)})
+    (part,) = PartPlanner(storage, CDR).sequence([piece], [], 0)
+    with pytest.raises(SessionError, match="/map were compressed one by one") as failed:
+        list(PartReader(part, storage, CDR).messages())
+    assert failed.value.reason == "BagUnreadable"
+    assert "`bagpipe bag convert`, and name that" in str(failed.value)
+    made = recording_at(metadata.parent.as_uri(), STORAGE, 1 << 30).converted("made.mcap", "none")
+    (tmp_path / "made.mcap").write_bytes(made.data)
+    piece = SequencePart.model_validate({"bag": "pvc://drives/made.mcap"})
+    (part,) = PartPlanner(storage, CDR).sequence([piece], [], 0)
+    found = [each.recorded for each in PartReader(part, storage, CDR).messages()]
+    assert found == [each.data for each in messages]
 
 
 def test_a_file_that_changed_since_it_was_planned_is_refused(tmp_path: Path) -> None:

@@ -69,7 +69,11 @@ fn content(recording: &dyn Recording) -> (Vec<Connection>, Vec<(u64, Vec<u8>)>) 
 }
 
 fn mcap(path: &str) -> Mcap {
-    Mcap::open(std::fs::read(path).unwrap()).unwrap()
+    mcap_of(std::fs::read(path).unwrap())
+}
+
+fn mcap_of(bytes: Vec<u8>) -> Mcap {
+    Mcap::open(bytes).unwrap()
 }
 
 #[test]
@@ -245,4 +249,66 @@ fn what_is_wrong_in_a_folder_is_refused_with_the_file_s_name() {
     std::fs::remove_file(folder.path().join("metadata.yaml")).unwrap();
     let text = complaint(&["info", &root]);
     assert!(text.contains("metadata.yaml: No such file"), "{text}");
+}
+
+/// A frame of zstd around less than 32 bytes, which it holds as they are.
+fn frame_of(data: &[u8]) -> Vec<u8> {
+    let length = data.len() as u8;
+    let head = [0x28, 0xb5, 0x2f, 0xfd, 0x20, length, length << 3 | 1, 0, 0];
+    [&head, data].concat()
+}
+
+/// The chatter in a folder of rosbag2, each message compressed alone.
+fn packed_one_by_one() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let stored = mcap_of(chatter());
+    let timeline = stored.timeline(|_| true).unwrap();
+    let mut writer = McapWriter::new(WriterOptions {
+        chunk_threshold: 200,
+        ..WriterOptions::with_compression(Compression::Lz4)
+    });
+    let id = writer.add_connection(&stored.connections()[0]);
+    for message in (0..timeline.len()).map(|at| timeline.get(at).unwrap()) {
+        writer.write(id, message.time, &frame_of(message.data)).unwrap();
+    }
+    std::fs::write(folder.path().join("a_0.mcap"), writer.finish().unwrap()).unwrap();
+    let text = "rosbag2_bagfile_information:\n  version: 5\n  storage_identifier: mcap\n  \
+                message_count: 50\n  compression_format: zstd\n  compression_mode: MESSAGE\n  \
+                relative_file_paths: [a_0.mcap]\n";
+    std::fs::write(folder.path().join("metadata.yaml"), text).unwrap();
+    folder
+}
+
+#[test]
+fn mcap_whose_messages_were_compressed_one_by_one_is_read_by_its_folder_alone() {
+    let folder = packed_one_by_one();
+    let root = folder.path().to_str().unwrap();
+    let path = |name: &str| format!("{root}/{name}");
+    let (file, new) = (path("a_0.mcap"), path("new.mcap"));
+    for arguments in [
+        &["info", &file][..],
+        &["check", &file],
+        &["slice", &file, "--end", "0.1", "-o", &new],
+        &["merge", &file, "-o", &new],
+        &["convert", &file, "-o", &new],
+    ] {
+        let text = complaint(arguments);
+        assert!(text.contains("the messages of /chatter were compressed one by one"), "{text}");
+        assert!(text.contains("name that folder, or make MCAP of it"), "{text}");
+        assert!(!std::path::Path::new(&new).exists(), "{arguments:?}");
+    }
+    output_of(&["convert", root, "-o", &new]);
+    assert_eq!(output_of(&["check", &new]), format!("{new}: 50 whole messages\n"));
+    assert!(content(&mcap(&new)) == content(&mcap_of(chatter())));
+    // A file of the folder is mended alone, and stays one of it.
+    output_of(&["reindex", &file, "-o", &path("mended.mcap")]);
+    let json = Connection {
+        message_encoding: MessageEncoding::Other("json".to_owned()),
+        ..Connection::default()
+    };
+    let mut writer = McapWriter::new(WriterOptions::default());
+    let id = writer.add_connection(&json);
+    writer.write(id, 1, &frame_of(b"{}")).unwrap();
+    std::fs::write(path("json.mcap"), writer.finish().unwrap()).unwrap();
+    output_of(&["info", &path("json.mcap")]);
 }

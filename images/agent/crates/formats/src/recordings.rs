@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use bagpipe_log::{Checked, Connection, Loss, Window, mixed_types};
+use bagpipe_log::{Checked, Connection, Loss, Window, mixed_types, packed};
 use bagpipe_mcap::{Latched, Limits, Mcap, Sliced, WriterOptions};
 use bagpipe_rosbag2::{Database, Folder, METADATA, Metadata, Reading, Selection, mcap_of_database};
 
@@ -23,12 +23,18 @@ impl Recordings {
     ///
     /// # Errors
     /// [`FormatError::System`], [`FormatError::Mcap`], [`FormatError::Rosbag2`], or
-    /// [`FormatError::Refused`] for a file that is larger than the memory.
+    /// [`FormatError::Refused`] for a file that is larger than the memory, or whose messages were
+    /// compressed one by one.
     pub fn open(path: &Path, memory: u64) -> Result<Self, FormatError> {
-        Self::read(path, Reading { memory, scanned: false })
+        let opened = Self::read(path, Reading { memory, scanned: false })?;
+        match opened.files.iter().find_map(Mcap::packed_topic) {
+            None => Ok(opened),
+            Some(topic) => Err(FormatError::Refused(packed(topic))),
+        }
     }
 
-    /// The same with every chunk uncompressed: damage in one is a loss, and no error later.
+    /// The same with every chunk uncompressed: damage in one is a loss, and no error later. What the
+    /// messages are is not asked, so that a file of a folder can be mended alone.
     ///
     /// # Errors
     /// As [`Recordings::open`].
@@ -129,6 +135,7 @@ impl Recordings {
         let found = Self::scanned(path, memory)?;
         let connections: Vec<Connection> = found.connections().cloned().collect();
         let mut problems = mixed_types(&connections);
+        problems.extend(found.files.iter().find_map(Mcap::packed_topic).map(packed));
         if let Some(metadata) = &found.metadata {
             problems.extend(found.miscounted(metadata));
         }

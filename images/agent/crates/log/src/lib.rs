@@ -13,6 +13,7 @@ mod error;
 mod in_force;
 mod index;
 mod model;
+mod packed;
 mod reading;
 mod timeline;
 mod window;
@@ -27,6 +28,7 @@ pub use in_force::{
 };
 pub use index::{Index, Publisher, Reason, Refusal, Span};
 pub use model::{Connection, Loss, Message, MessageEncoding, SchemaEncoding};
+pub use packed::packed;
 pub use reading::Recording;
 pub use timeline::{Place, Timeline};
 pub use window::Window;

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use bagpipe_log::{Checked, Reason, Refusal, Span, mixed_types};
+use bagpipe_log::{Checked, Reason, Refusal, Span, mixed_types, packed};
 
 use crate::part::Part;
 use crate::{Limits, MAGIC, Mcap, McapError, tail};
@@ -22,6 +22,7 @@ pub fn check(file: Vec<u8>, limits: Limits) -> Result<Checked, McapError> {
         Err(_) => {}
     }
     problems.extend(mixed_types(recording.connections()));
+    problems.extend(recording.packed_topic().map(packed));
     let messages = recording.message_count();
     Ok(Checked { messages, loss: recording.loss().cloned(), problems })
 }

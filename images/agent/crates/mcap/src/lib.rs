@@ -11,6 +11,7 @@
 //! errors name the byte offset and what was expected there.
 #![forbid(unsafe_code)]
 
+mod asked;
 mod build;
 mod carry;
 mod check;
@@ -24,6 +25,7 @@ mod layout;
 mod loss;
 mod merge;
 mod names;
+mod packed;
 mod part;
 mod publish;
 mod reader;

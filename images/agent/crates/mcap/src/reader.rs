@@ -7,6 +7,7 @@ use std::thread;
 use bagpipe_log::{Connection, Message, Place, Timeline, Window};
 use bagpipe_packing::threads;
 
+use crate::asked::Asked;
 use crate::layout::{Layout, lay_out};
 use crate::loss::Tally;
 use crate::names::Names;
@@ -246,20 +247,25 @@ impl Mcap {
         mut take: impl FnMut(Message<'_>),
     ) -> Result<(), McapError> {
         let asked = self.asked(wanted);
-        let (mut channels, mut memory) = (Channels::default(), Made::default());
+        let mut room = Room::default();
         for at in self.holding(&asked) {
-            let part = &self.parts[at];
-            if let (Some(packed), None) = (part.packed, part.made.get()) {
-                self.check_limit(part.position, packed, self.allowed())?;
-                let place = (packed, at as u32);
-                memory = part.make(place, &self.file, &mut channels, memory);
-                self.compare(part, &mut memory);
-                give(whole(&memory)?, &asked, &mut take);
-            } else {
-                give(self.found(at)?, &asked, &mut take);
-            }
+            give(self.lent(at, &mut room)?, &asked, &mut take);
         }
         Ok(())
+    }
+
+    /// A part's records; those of a chunk that is uncompressed for it lie in this room.
+    pub(crate) fn lent<'a>(
+        &'a self,
+        at: usize,
+        Room { channels, made }: &'a mut Room,
+    ) -> Result<(&'a [u8], &'a Walked), McapError> {
+        let part = &self.parts[at];
+        let (Some(packed), None) = (part.packed, part.made.get()) else { return self.found(at) };
+        self.check_limit(part.position, packed, self.allowed())?;
+        *made = part.make((packed, at as u32), &self.file, channels, std::mem::take(made));
+        self.compare(part, made);
+        whole(made)
     }
 
     /// What else the file says of a message of [`Mcap::timeline`], by its place; `None` where
@@ -295,7 +301,7 @@ impl Mcap {
         whole(made)
     }
 
-    fn asked(&self, wanted: impl Fn(&Connection) -> bool) -> Asked {
+    pub(crate) fn asked(&self, wanted: impl Fn(&Connection) -> bool) -> Asked {
         let mut asked = Vec::new();
         for connection in self.connections.iter().filter(|each| wanted(each)) {
             let at = connection.id as usize;
@@ -306,7 +312,7 @@ impl Mcap {
     }
 
     /// The parts that hold such messages.
-    fn holding(&self, asked: &Asked) -> Vec<usize> {
+    pub(crate) fn holding(&self, asked: &Asked) -> Vec<usize> {
         let holds = |at: &usize| self.parts[*at].holds(|channel| asked.has(channel.into()));
         (0..self.parts.len()).filter(holds).collect()
     }
@@ -454,14 +460,11 @@ impl Mcap {
     }
 }
 
-/// The channels whose messages are asked for.
-struct Asked(Vec<bool>);
-
-impl Asked {
-    #[inline]
-    fn has(&self, channel: u32) -> bool {
-        self.0.get(channel as usize).copied().unwrap_or(false)
-    }
+/// What one chunk after the other is uncompressed into.
+#[derive(Default)]
+pub(crate) struct Room {
+    channels: Channels,
+    made: Made,
 }
 
 /// Records that came out of a chunk whole.

@@ -82,6 +82,12 @@ pub enum ReplayError {
         /// What the graph's are.
         plays: &'static str,
     },
+    /// A topic's messages were compressed one by one.
+    #[error("{}", bagpipe_log::packed(topic))]
+    Packed {
+        /// The topic.
+        topic: String,
+    },
     /// The graph does not answer, such as its master.
     #[error("{0}")]
     GraphFailed(#[source] GraphError),
@@ -109,7 +115,8 @@ impl ReplayError {
             ReplayError::CaseDeadlineExceeded { .. } => "CaseDeadlineExceeded",
             ReplayError::BagUnreadable { .. }
             | ReplayError::TwoTypes { .. }
-            | ReplayError::OtherEncoding { .. } => "BagUnreadable",
+            | ReplayError::OtherEncoding { .. }
+            | ReplayError::Packed { .. } => "BagUnreadable",
             ReplayError::GraphFailed(error) => error.reason,
             ReplayError::BadRequest(_) => "ProtocolError",
             ReplayError::Cancelled(_) => "Terminated",

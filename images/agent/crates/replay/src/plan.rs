@@ -156,11 +156,15 @@ impl Draft {
         bag: &dyn Recording,
         firsts: &HashMap<u32, Message<'_>>,
     ) -> Result<(), ReplayError> {
-        for connection in bag.connections().iter().filter(|each| firsts.contains_key(&each.id)) {
+        for connection in bag.connections() {
+            let Some(first) = firsts.get(&connection.id) else { continue };
             for name in self.names.published_as(&connection.topic) {
                 place(&mut self.topics, &mut self.places, &name, connection)?;
             }
             self.readable(connection)?;
+            if connection.message_encoding.is_packed(first.data) {
+                return Err(ReplayError::Packed { topic: connection.topic.clone() });
+            }
         }
         Ok(())
     }

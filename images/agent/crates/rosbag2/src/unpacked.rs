@@ -6,6 +6,9 @@ use bagpipe_mcap::{Mcap, McapWriter, WriterOptions};
 
 use crate::{Rosbag2Error, compressed};
 
+/// What rosbag2 writes into each file of a folder about that folder.
+const OF_THE_FOLDER: &str = "rosbag2";
+
 /// The same recording with each message uncompressed, in at most `memory` bytes.
 ///
 /// # Errors
@@ -23,7 +26,8 @@ pub fn unpacked(recording: &Mcap, memory: u64) -> Result<Vec<u8>, Rosbag2Error> 
         let id = writer.add_channel(schema, channel);
         ids.insert(u32::from(channel.id), (id, channel.topic.as_str()));
     }
-    for words in recording.metadata() {
+    // The recorder's own words say that the messages are compressed, and rosbag2 believes them.
+    for words in recording.metadata().iter().filter(|words| words.name != OF_THE_FOLDER) {
         writer.describe(words)?;
     }
     for attachment in recording.attachments() {

@@ -46,6 +46,29 @@ fn every_storage_version_and_compression_gives_the_same_messages() {
 }
 
 #[test]
+fn a_file_that_was_unpacked_does_not_state_any_more_that_it_is_compressed() {
+    let place = tempfile::tempdir().unwrap();
+    folder(place.path(), 8, "mcap", Form::Jazzy, "MESSAGE");
+    let text = std::fs::read_to_string(place.path().join("metadata.yaml")).unwrap();
+    let own = bagpipe_mcap::Metadata {
+        name: "rosbag2".to_owned(),
+        entries: [("serialized_metadata".to_owned(), text)].into(),
+    };
+    let about = bagpipe_mcap::Metadata { name: "drive".to_owned(), ..own.clone() };
+    let path = place.path().join("drive_0.mcap");
+    let stored = Mcap::open(std::fs::read(&path).unwrap()).unwrap();
+    let mut writer = bagpipe_mcap::McapWriter::new(bagpipe_mcap::WriterOptions::default());
+    writer.describe(&own).unwrap();
+    writer.describe(&about).unwrap();
+    let id = writer.add_channel(None, &stored.channels()[0]);
+    writer.write(id, 1, &made::zstd(b"\0\x01\0\0")).unwrap();
+    std::fs::write(&path, writer.finish().unwrap()).unwrap();
+    let Folder { files, .. } = Folder::open(place.path(), HOW).unwrap();
+    assert_eq!(files[0].metadata(), [about]);
+    assert_eq!(files[0].timeline(|_| true).unwrap().get(0).unwrap().data, b"\0\x01\0\0");
+}
+
+#[test]
 fn a_type_s_hash_is_where_rosbag2_s_mcap_has_it() {
     let place = tempfile::tempdir().unwrap();
     let path = place.path().join("a.db3");

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import bagpipe
-from bagpipe.encodings import ROS1
+from bagpipe.encodings import ROS1, is_packed
 from bagpipe.native import native
 from bagpipe.plan.bag_tail import BagError
 from bagpipe.plan.framing import framed
@@ -99,6 +99,13 @@ class PartReader:
 
     def _message(self, connection: Any, time: int, raw: memoryview) -> PartMessage:
         recorded = bytes(raw)
+        if is_packed(connection.encoding, recorded):
+            raise _unreadable(
+                self._part,
+                f"the messages of {connection.topic} were compressed one by one"
+                " (--compression-mode message): make MCAP of the folder that the file lies in by"
+                " `bagpipe bag convert`, and name that",
+            )
         try:
             data = moved(connection, recorded, self._part.shift)
         except StampError as error:

@@ -1,13 +1,16 @@
 //! Several channels of one topic of ROS 2, as folders whose files were recorded of other publishers
 //! have.
 
+use std::sync::Arc;
+
+use bagpipe_graph::{GraphError, Middleware, Node, NodeOptions, ReadStamp, Sink, TopicInfo};
 use bagpipe_log::{
     Connection, MessageEncoding, Recording, RecordingError, SchemaEncoding, Timeline,
 };
 use bagpipe_mcap::{Mcap, McapWriter, WriterOptions};
 
 use super::bags::words;
-use super::{ByHand, request, window};
+use super::{ByHand, graph_of, request, window};
 use crate::plan::Plan;
 use crate::{ReplayError, ReplayRequest};
 
@@ -132,4 +135,59 @@ fn a_channel_without_a_message_is_no_fault_whatever_its_encoding_and_type() {
         let file = recording(&[spoken.clone(), wrong]);
         assert!(Plan::new(&[&file], &everything).is_err());
     }
+}
+
+/// A graph of ROS 1 whose messages are CDR.
+#[derive(Debug)]
+struct OfCdr(Arc<dyn Middleware>);
+
+impl Middleware for OfCdr {
+    fn join(&self, options: NodeOptions, sink: Box<dyn Sink>) -> Result<Box<dyn Node>, GraphError> {
+        self.0.join(options, sink)
+    }
+
+    fn encoding(&self) -> &'static str {
+        "cdr"
+    }
+
+    fn schema_encoding(&self) -> &'static str {
+        self.0.schema_encoding()
+    }
+
+    fn read_stamp(&self, definition: &str) -> Option<ReadStamp> {
+        self.0.read_stamp(definition)
+    }
+
+    fn clock_topic(&self) -> TopicInfo {
+        self.0.clock_topic()
+    }
+
+    fn clock_frame(&self, nanoseconds: u64) -> Vec<u8> {
+        self.0.clock_frame(nanoseconds)
+    }
+}
+
+#[test]
+fn messages_that_were_compressed_one_by_one_are_an_error_and_not_played_as_cdr() {
+    let plan = |first: &[u8], second: &[u8]| {
+        let cdr = Connection { message_encoding: MessageEncoding::Cdr, ..channel("", None) };
+        let mut writer = McapWriter::new(WriterOptions::default());
+        let id = writer.add_connection(&cdr);
+        writer.write(id, 1_000_000, first).unwrap();
+        writer.write(id, 2_000_000, second).unwrap();
+        let file = Mcap::open(writer.finish().unwrap()).unwrap();
+        let request = ReplayRequest {
+            middleware: Arc::new(OfCdr(graph_of("http://127.0.0.1:9/"))),
+            ..request(&ByHand::new(), window(0, 9_000))
+        };
+        Plan::new(&[&file], &request).map(|plan| plan.counted.len())
+    };
+    let (cdr, frame) = (&b"\0\x01\0\0"[..], &b"\x28\xb5\x2f\xfd\x20\x00\x01\0\0"[..]);
+    assert_eq!(plan(cdr, cdr).unwrap(), 2);
+    let Err(error) = plan(frame, frame) else { panic!("it was taken") };
+    assert_eq!(error.reason(), "BagUnreadable");
+    assert!(
+        error.to_string().starts_with("the messages of /a were compressed one by one"),
+        "{error}"
+    );
 }
