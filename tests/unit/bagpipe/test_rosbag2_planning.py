@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from bagpipe.cli.bag_here import recording_at
+from bagpipe.cli.bag_here import Elsewhere, recording_at
 from bagpipe.encodings import CDR
 from bagpipe.pieces import SequencePart
 from bagpipe.plan.bag_tail import BagError, Chunk, read_tail
@@ -331,7 +331,9 @@ def test_a_piece_of_messages_compressed_one_by_one_is_refused_until_it_is_conver
         list(PartReader(part, storage, CDR).messages())
     assert failed.value.reason == "BagUnreadable"
     assert "`bagpipe bag convert`, and name that" in str(failed.value)
-    made = recording_at(metadata.parent.as_uri(), STORAGE, 1 << 30).converted("made.mcap", "none")
+    whole = recording_at(metadata.parent.as_uri(), STORAGE, 1 << 30)
+    assert isinstance(whole, Elsewhere)
+    made = whole.converted("made.mcap", "none")
     (tmp_path / "made.mcap").write_bytes(made.data)
     piece = SequencePart.model_validate({"bag": "pvc://drives/made.mcap"})
     (part,) = PartPlanner(storage, CDR).sequence([piece], [], 0)
