@@ -9,6 +9,8 @@ use bagpipe_ros2ledger::{
     Busy, Event, Ledger, LedgerError, Mark, ProcessId, Quiet, Strength, Waited, Why,
 };
 
+use crate::clock::CLOCK;
+
 /// How long something is waited for that may never come, while everybody sleeps: a message that a
 /// queue has overwritten, or that a subscription does not match. A node that gets no processor for a
 /// while, as where a container's share is used up, is none of these.
@@ -184,9 +186,11 @@ impl Rest {
         Some(unknown.map(patience).max().unwrap_or(Duration::ZERO))
     }
 
-    /// Takes in that no more is waited for.
-    fn give_up(&self, lacks: &mut BTreeMap<Whose, Lacks>) {
-        for (_, one) in lacks.iter_mut().filter(|(whose, _)| !self.left.contains(whose)) {
+    /// Takes in that no more is waited for. Only where more than the time went out (`is_step`) did what is not
+    /// left any more come: else nothing was sent that could lack.
+    fn give_up(&self, lacks: &mut BTreeMap<Whose, Lacks>, is_step: bool) {
+        let came = |whose: &Whose| is_step && !self.left.contains(whose);
+        for (_, one) in lacks.iter_mut().filter(|(whose, _)| came(whose)) {
             one.in_a_row = 0;
         }
         for whose in self.left.difference(&self.called) {
@@ -247,7 +251,8 @@ impl Stillness {
         if waited == Waited::Late {
             stuck.add(&rest.called);
         }
-        rest.give_up(lacks);
+        let is_step = since.iter().any(|(topic, messages)| *topic != CLOCK && *messages > 0);
+        rest.give_up(lacks, is_step);
         *sent = now;
         Ok(())
     }
@@ -312,17 +317,30 @@ mod tests {
             Rest { left, late, ..Rest::default() }
         };
         let mut lacks = BTreeMap::new();
-        lacking(true).give_up(&mut lacks);
-        Rest::default().give_up(&mut lacks);
-        lacking(true).give_up(&mut lacks);
+        lacking(true).give_up(&mut lacks, true);
+        Rest::default().give_up(&mut lacks, true);
+        lacking(true).give_up(&mut lacks, true);
         let known = lacks[&whose("/node")];
         assert_eq!(known, Lacks { times: 2, in_a_row: 1, certain: false });
         assert_eq!(lacking(false).limit(&lacks, &BTreeSet::new()), Some(DOUBTFUL / 2));
-        lacking(true).give_up(&mut lacks);
+        lacking(true).give_up(&mut lacks, true);
         assert!(lacks[&whose("/node")].certain);
         let mut lacks = BTreeMap::new();
-        lacking(false).give_up(&mut lacks);
+        lacking(false).give_up(&mut lacks, true);
         assert!(lacks[&whose("/node")].certain);
+    }
+
+    #[test]
+    fn between_a_time_and_its_message_nothing_has_come_that_lacked_before() {
+        let lacking = Rest { left: BTreeSet::from([whose("/node")]), ..Rest::default() };
+        let mut lacks = BTreeMap::new();
+        for _ in 0..8 {
+            lacking.give_up(&mut lacks, true);
+            Rest::default().give_up(&mut lacks, false);
+        }
+        assert_eq!(lacking.limit(&lacks, &BTreeSet::new()), Some(Duration::ZERO));
+        Rest::default().give_up(&mut lacks, true);
+        assert_eq!(lacks[&whose("/node")].in_a_row, 0);
     }
 
     #[test]
