@@ -436,19 +436,27 @@ impl Mcap {
         for part in &mut self.parts {
             let Some(made) = part.made.get_mut() else { continue };
             let Walked { counts, places, .. } = &mut made.walked;
+            if counts.iter().all(|count| self.names.has(count.channel)) {
+                continue;
+            }
+            // In one pass, as any number of channels may be undeclared.
+            let mut bytes: HashMap<u32, u64> = HashMap::new();
+            places.retain(|place| {
+                let is_declared = self.names.has(place.connection as u16);
+                if !is_declared {
+                    let length = u64::from(place.end - place.start);
+                    *bytes.entry(place.connection).or_default() += length;
+                }
+                is_declared
+            });
             for count in counts.iter().filter(|count| !self.names.has(count.channel)) {
                 let inside = if part.packed.is_some() { 0 } else { count.first as usize };
                 let expected = format!("a message of a declared channel, found {}", count.channel);
-                let of_it =
-                    places.iter().filter(|place| place.connection == u32::from(count.channel));
-                let bytes = of_it.map(|place| u64::from(place.end - place.start)).sum();
+                let bytes = bytes.get(&count.channel.into()).copied().unwrap_or_default();
                 let messages = Some(u64::from(count.messages));
                 self.lost.add(part.data.start + inside, expected, bytes, messages);
             }
-            if counts.iter().any(|count| !self.names.has(count.channel)) {
-                places.retain(|place| self.names.has(place.connection as u16));
-                counts.retain(|count| self.names.has(count.channel));
-            }
+            counts.retain(|count| self.names.has(count.channel));
         }
         let found = self.message_count();
         if let (true, Some((at, stated))) = (self.lost.is_none(), statistics)
