@@ -228,9 +228,10 @@ fn what_is_kept_for_a_node_that_comes_late_hides_no_loss_of_what_is_played_from_
     let line = line_of_lane(&replayed);
     // What it had missed is not separated from what it lost.
     assert_eq!(line.received + line.dropped, 6000);
-    // Of the hundred some may have gone out after it was listed, and more between its coming and that.
+    // Of the hundred some may have gone out after it was listed, on a slow machine most, and more between its
+    // coming and that.
     let taken = counts(&scene, Kind::Subscription, "/lane", "/in").taken;
-    let of_ours = taken - 150..=taken - 50;
+    let of_ours = taken - 150..taken;
     assert!(of_ours.contains(&line.received), "{taken} taken, {line:?}");
 }
 
