@@ -190,8 +190,8 @@ fn what_is_kept_while_a_node_is_away_was_not_sent_to_it() {
     assert_eq!(late(&scene), [false, true]);
     let line = line_of_lane(&replayed);
     let answers = answered_numbers(&replayed, 3500).len() as u64;
-    // Some may be under way when it is listed.
-    let of_ours = answers - 100..=answers - 50;
+    // Some may be under way when it is listed, on a slow machine most.
+    let of_ours = answers - 100..answers;
     assert!(of_ours.contains(&line.received), "{answers} answers, {line:?}");
     assert_eq!(line.received + line.dropped, 3500);
 }
