@@ -19,7 +19,7 @@ use crate::{Mode, ReplayError, ReplayRequest};
 
 /// The time between two questions whether a pause is over.
 const ASK: Duration = Duration::from_millis(10);
-/// How long a time may wait for its readers of which no message depends.
+/// How long a time on which no message depends may wait for its readers.
 const SHOWN: Duration = Duration::from_millis(50);
 /// The tick of a /clock that does not advance between two messages.
 const STEPPED: u64 = u64::MAX;
@@ -363,7 +363,7 @@ impl<'a, O: Outlet + ?Sized> Player<'a, O> {
         self.tick_until(time, None, watch)
     }
 
-    /// The same, of which nothing depends behind a moment, where there is one.
+    /// The same; on a time with a moment `until` nothing depends, and behind that it waits for nobody.
     fn tick_until(
         &mut self,
         time: u64,

@@ -123,7 +123,7 @@ fn time_goes_in_steps_where_a_clock_is_shown_in_lock_step_and_advances_with_who_
 }
 
 #[test]
-fn a_time_of_which_no_message_depends_waits_for_nobody() {
+fn a_time_on_which_no_message_depends_waits_for_nobody() {
     for mode in [Mode::Max, Mode::Lockstep] {
         let by_hand = ByHand::new();
         let mut request = request(&by_hand, window(1_000, 2_000));
