@@ -1,5 +1,7 @@
 //! `play` and `record` against Debian's rosmaster, rospy, rosbag and each other.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
+// The graph and the worker take ports by the same rule.
+#![allow(clippy::duplicate_mod)]
 
 #[path = "../../ros1/tests/graph/mod.rs"]
 mod graph;

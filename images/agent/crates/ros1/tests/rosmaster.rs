@@ -2,10 +2,14 @@
 #![allow(clippy::unwrap_used)]
 mod graph;
 
+use std::collections::BTreeSet;
+use std::net::TcpListener;
 use std::path::Path;
+use std::process::Command;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use bagpipe_ros1::Value;
-use graph::Graph;
+use graph::{Graph, free_ports};
 
 const TMP: &str = env!("CARGO_TARGET_TMPDIR");
 
@@ -61,4 +65,28 @@ fn what_one_graph_holds_and_one_call_answers_has_a_bound() {
     assert_eq!(lines, expected);
     let client = graph.client();
     assert_eq!(client.get_param("/0").unwrap(), Value::String("x".repeat(8 << 20)));
+}
+
+#[test]
+fn a_free_port_stays_free_while_others_start_processes() {
+    // Who forks has what is open in this process for a moment, a listener of a probe among it.
+    let over = AtomicBool::new(false);
+    let starts = || {
+        for _ in (0..20_000).take_while(|_| !over.load(Ordering::Relaxed)) {
+            assert!(Command::new("/bin/true").status().unwrap().success());
+        }
+    };
+    std::thread::scope(|scope| {
+        let starting = [scope.spawn(starts), scope.spawn(starts)];
+        let mut ports = BTreeSet::new();
+        let taken = (0..300).find_map(|_| {
+            let port = free_ports(1);
+            ports.insert(port);
+            TcpListener::bind(("127.0.0.1", port)).err().map(|error| (port, error))
+        });
+        over.store(true, Ordering::Relaxed);
+        starting.into_iter().for_each(|one| one.join().unwrap());
+        assert!(taken.is_none(), "{taken:?}");
+        assert_eq!(ports.len(), 300);
+    });
 }

@@ -5,12 +5,12 @@ pub mod bags;
 pub mod exec;
 #[path = "../../../rosbag/tests/needed/mod.rs"]
 pub mod needed;
+#[path = "../../../ros1/tests/graph/ports.rs"]
+mod ports;
 
 use std::cell::Cell;
-use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
-use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
 use bagpipe_rosbag::{BagWriter, Connection, WriterOptions};
@@ -19,6 +19,7 @@ use bagpipe_wire::{
     WorkerHello, fifo, from_map, to_map,
 };
 pub use needed::without_ros;
+pub use ports::free_ports;
 use rmpv::Value;
 
 /// A rospy node that answers every /chatter with an /echo.
@@ -76,7 +77,7 @@ impl Agent {
         let folder = tempfile::tempdir().unwrap();
         let shared = folder.path();
         let begun = Instant::now();
-        let master_port = free_ports(slots);
+        let master_port = free_ports(slots as u16);
         let mut command = Command::new("/bin/sh");
         // A strict umask, to see that the pipes' modes do not depend on it.
         command
@@ -406,19 +407,6 @@ pub fn chatter(count: u64) -> Vec<u8> {
         writer.write(id, 100_000_000_000 + number * 10_000_000, &data).unwrap();
     }
     writer.finish().unwrap()
-}
-
-/// A first port such that it and the next ones are free now.
-pub fn free_ports(count: u32) -> u16 {
-    static NEXT: AtomicU32 = AtomicU32::new(0);
-    // Below those that connections take by themselves: a case's rosmaster takes its port later.
-    let place = || std::process::id().wrapping_mul(97).wrapping_add(NEXT.fetch_add(count, Relaxed));
-    (0..100)
-        .map(|_| u16::try_from(16_000 + place() % 4_000).unwrap())
-        .find(|first| {
-            (0..count).all(|n| TcpListener::bind(("127.0.0.1", first + n as u16)).is_ok())
-        })
-        .unwrap()
 }
 
 /// As a container's hook waits, which begins beside `serve`.

@@ -1,16 +1,17 @@
 //! A real ROS graph for a test: Debian's rosmaster on a port of its own and nodes whose
 //! output can be waited for. Everything it started is killed when it is dropped.
-#![allow(dead_code)] // each test file uses its own part
+#![allow(dead_code, unused_imports)] // each test file uses its own part
+
+mod ports;
 
 use std::io::{BufRead, BufReader};
-use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
-use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Condvar, Mutex};
 use std::time::{Duration, Instant};
 
 use bagpipe_ros1::{Master, Rosmaster};
+pub use ports::free_ports;
 
 /// How long anything in a graph may take to appear on a loaded machine.
 pub const PATIENCE: Duration = Duration::from_secs(60);
@@ -38,7 +39,7 @@ impl Graph {
 
     /// Serves a master of ours.
     pub fn of_ours(tmp: &str) -> Graph {
-        let port = free_port();
+        let port = free_ports(1);
         let master = Rosmaster::serve((std::net::Ipv4Addr::LOCALHOST, port).into()).unwrap();
         let uri = format!("http://127.0.0.1:{port}/");
         assert_eq!(master.uri(), uri);
@@ -49,7 +50,7 @@ impl Graph {
 
     /// Starts a rosmaster and waits until it answers.
     pub fn start(tmp: &str) -> Graph {
-        let port = free_port();
+        let port = free_ports(1);
         let uri = format!("http://127.0.0.1:{port}/");
         let folder = Path::new(tmp).join(format!("graph-{}-{port}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
@@ -189,18 +190,6 @@ fn collect(
             lines.1.notify_all();
         }
     });
-}
-
-/// Below those that connections take by themselves: one of these could be taken before its master
-/// listens, or while that is restarted.
-fn free_port() -> u16 {
-    static NEXT: AtomicU32 = AtomicU32::new(0);
-    let turn = || NEXT.fetch_add(1, Ordering::Relaxed);
-    (0..1_000)
-        .map(|_| std::process::id().wrapping_mul(97).wrapping_add(turn()))
-        .map(|number| u16::try_from(12_000 + number % 4_000).unwrap())
-        .find(|port| TcpListener::bind(("127.0.0.1", *port)).is_ok())
-        .unwrap()
 }
 
 /// Waits until a condition holds.
