@@ -19,6 +19,8 @@ pub(crate) const TALKS: [&str; 4] =
     ["--name", "/talks", "--pub", "/talk:sensor_msgs/msg/Imu:10:reliable"];
 /// A program that publishes it as another type, and nothing ever comes for it to pass on.
 const PROGRAM: [&str; 3] = ["/other", "/talk", "std_msgs/String"];
+/// How long a player waits before a short play, in which it would not get to know a program.
+const KNOWN_BY: Duration = Duration::from_secs(3);
 const REALTIME: Ask<'static> =
     Ask { mode: Mode::Realtime, drain: Duration::from_secs(1), ..DEFAULT };
 
@@ -61,13 +63,17 @@ const OTHER_TYPE: &str =
 #[test]
 fn what_only_a_program_publishes_that_is_no_node_is_recorded_as_its_own_type() {
     // Whoever subscribes as another type, and by a pattern as well as by its name.
-    for (messages, record) in [(20, "/talk"), (2000, "/talk"), (1000, "/ta.k")] {
+    let usual = DEFAULT.stable;
+    for (stable, messages, record) in
+        [(KNOWN_BY, 20, "/talk"), (usual, 2000, "/talk"), (usual, 1000, "/ta.k")]
+    {
         let scene = Scene::new();
         let _reads = scene.start("standin_node", &READS);
         let _relay = scene.start("standin_node", &RELAY);
         let _program = scene.start_uncounted("dds_relay", &["/in", "/talk", "sensor_msgs/Imu"]);
         await_topic(&scene, "/talk", 1);
-        let replayed = play(&scene, &["/out", record], messages).unwrap();
+        let ask = Ask { stable, record: &["/out", record], ..REALTIME };
+        let replayed = scene.play(&recording(&["/in"], messages, 100), &ask).unwrap();
         assert!(as_type(&replayed, "/talk", "sensor_msgs/msg/Imu") > 0);
         let warnings = replayed.playback.warnings.join("; ");
         let named = "programs of DDS that are no nodes, or nodes of a name that another has, publish /talk (at least 1)";
@@ -77,13 +83,15 @@ fn what_only_a_program_publishes_that_is_no_node_is_recorded_as_its_own_type() {
 
 #[test]
 fn what_is_published_as_another_type_than_a_node_s_is_missed_of_who_does_not_count() {
-    for messages in [20, 2000] {
+    // Also in a play that is shorter than the looks.
+    for (stable, messages) in [(KNOWN_BY, 20), (DEFAULT.stable, 2000)] {
         let scene = Scene::new();
         let _talks = scene.start("standin_node", &TALKS);
         let _relay = scene.start("standin_node", &RELAY);
         let _program = scene.start_uncounted("dds_relay", &PROGRAM);
         await_topic(&scene, "/talk", 2);
-        let text = missed(play(&scene, &["/out", "/talk"], messages));
+        let ask = Ask { stable, record: &["/out", "/talk"], ..REALTIME };
+        let text = missed(scene.play(&recording(&["/in"], messages, 100), &ask));
         assert!(text.contains("/talk has publishers (at least 1) that do not count"), "{text}");
         assert!(text.contains(OTHER_TYPE), "{text}");
     }
