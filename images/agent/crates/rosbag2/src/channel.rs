@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use bagpipe_log::{Connection, MessageEncoding};
 use bagpipe_mcap::{Channel, Schema};
 
 use crate::sqlite::{Definition, Topic};
@@ -30,5 +31,18 @@ pub(crate) fn channel(topic: &Topic) -> Channel {
         message_encoding: topic.encoding.clone(),
         metadata,
         ..Channel::default()
+    }
+}
+
+/// A topic as a log has it, whose definition is left out.
+pub(crate) fn connection(topic: &Topic, id: u32) -> Connection {
+    Connection {
+        id,
+        topic: topic.name.clone(),
+        datatype: topic.datatype.clone(),
+        message_encoding: MessageEncoding::from_name(&topic.encoding),
+        latching: channel(topic).is_latched(),
+        offered_qos: Some(topic.offered_qos.clone()),
+        ..Connection::default()
     }
 }

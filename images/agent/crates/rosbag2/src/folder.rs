@@ -10,8 +10,9 @@ use bagpipe_mcap::{Limits, Mcap, McapError, McapWriter, Stamp, WriterOptions};
 use rusqlite::types::ValueRef;
 
 use crate::channel::{channel, schema};
+use crate::in_force::rows_in_force;
 use crate::rows::{time, unknown};
-use crate::sqlite::integer;
+use crate::sqlite::{Topic, integer};
 use crate::{
     Compressed, Database, MOST_METADATA_BYTES, Metadata, Rosbag2Error, Storage, TopicCount,
     compressed, metadata, uncompress, unpacked,
@@ -123,7 +124,7 @@ fn inflated(path: &Path, memory: u64) -> Result<Vec<u8>, Rosbag2Error> {
 /// Which messages of a file of SQLite are wanted.
 #[derive(Clone, Copy)]
 pub struct Selection<'a> {
-    /// Their times; of latched topics those before are wanted as well.
+    /// Their times; of what is latched before it, what is in force at its start is wanted as well.
     pub window: Window,
     /// Their topics, as they were recorded.
     pub topics: &'a dyn Fn(&str) -> bool,
@@ -157,7 +158,9 @@ pub fn mcap_of_database(
     let options = WriterOptions { profile, byte_budget: Some(memory), ..WriterOptions::default() };
     // In a buffer of our own, because a budget is reserved otherwise.
     let mut writer = McapWriter::with_buffer(options, Vec::new());
-    let known = channels(database, selection, &mut writer)?;
+    let topics = database.topics(selection.about)?;
+    let known = channels(database, &topics, selection, &mut writer)?;
+    let in_force = rows_in_force(database, &topics, selection)?;
     let window = selection.window;
     let mut found =
         database.prepare("SELECT topic_id, timestamp, data FROM messages NOT INDEXED")?;
@@ -169,8 +172,8 @@ pub fn mcap_of_database(
         let topic = integer(row, 0, "messages")?;
         let time = time(integer(row, 1, "messages")?, count)?;
         let of = known.get(&topic).ok_or_else(|| unknown(topic, count))?;
-        let Some((id, latched)) = of else { continue };
-        if time >= window.end || (time < window.start && !latched) {
+        let Some(id) = of else { continue };
+        if !window.contains(time) && !in_force.contains(&count) {
             continue;
         }
         let data = match row.get_ref(2)? {
@@ -193,23 +196,21 @@ pub fn mcap_of_database(
     Ok(writer.finish()?)
 }
 
-/// All topics of a file by their numbers; of those that are wanted the channel, and whether it has
-/// messages in force before a window.
+/// All topics of a file by their numbers; of those that are wanted the channel.
 fn channels(
     database: &Database,
+    topics: &[Topic],
     selection: &Selection<'_>,
     writer: &mut McapWriter,
-) -> Result<BTreeMap<i64, Option<(u32, bool)>>, Rosbag2Error> {
-    let (topics, definitions) = (database.topics(selection.about)?, database.definitions()?);
+) -> Result<BTreeMap<i64, Option<u32>>, Rosbag2Error> {
+    let definitions = database.definitions()?;
     let mut types: HashMap<&str, usize> = HashMap::new();
     let found = topics.iter().map(|topic| {
         let wanted = (selection.topics)(&topic.name).then(|| {
-            let channel = channel(topic);
             let of = types.entry(&topic.datatype).or_insert_with(|| {
                 writer.add_schema(&schema(&topic.datatype, definitions.get(&topic.datatype)))
             });
-            let in_force = (selection.late)(&topic.name).in_force(u32::from(channel.is_latched()));
-            (writer.add_channel_of(Some(*of), &channel), in_force > 0)
+            writer.add_channel_of(Some(*of), &channel(topic))
         });
         (topic.id, wanted)
     });

@@ -13,6 +13,7 @@ mod channel;
 mod compressed;
 mod error;
 mod folder;
+mod in_force;
 mod metadata;
 mod rows;
 mod sqlite;

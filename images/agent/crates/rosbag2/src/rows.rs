@@ -2,9 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use bagpipe_log::{Connection, MessageEncoding};
+use bagpipe_log::Connection;
 
-use crate::channel::channel;
+use crate::channel::connection;
 use crate::sqlite::integer;
 use crate::{Database, Rosbag2Error, TopicCount};
 
@@ -42,39 +42,36 @@ pub fn rows(database: &Database, about: &[TopicCount]) -> Result<Rows, Rosbag2Er
     database.definitions()?;
     let ids: BTreeMap<i64, u32> =
         topics.iter().zip(1..).map(|(topic, id)| (topic.id, id)).collect();
-    let connections = topics.into_iter().zip(1..);
-    let connections = connections
-        .map(|(topic, id)| {
-            let latching = channel(&topic).is_latched();
-            Connection {
-                id,
-                topic: topic.name,
-                datatype: topic.datatype,
-                message_encoding: MessageEncoding::from_name(&topic.encoding),
-                latching,
-                offered_qos: Some(topic.offered_qos),
-                ..Connection::default()
-            }
-        })
-        .collect();
-    let mut found = database.prepare("SELECT topic_id, timestamp FROM messages NOT INDEXED")?;
-    let (mut read, mut left) = (found.query([])?, database.left("messages"));
+    let connections = topics.iter().zip(1..).map(|(topic, id)| connection(topic, id)).collect();
     let mut stretches = Vec::new();
     let mut open = Open::default();
-    let mut count = 0;
-    while let Some(row) = read.next()? {
-        count += 1;
-        left.take(row)?;
-        let topic = integer(row, 0, "messages")?;
-        let time = time(integer(row, 1, "messages")?, count)?;
-        let id = *ids.get(&topic).ok_or_else(|| unknown(topic, count))?;
+    each_row(database, |row, topic, time| {
+        let id = *ids.get(&topic).ok_or_else(|| unknown(topic, row))?;
         if !open.takes(time) {
             stretches.extend(open.close());
         }
         open.add(id, time);
-    }
+        Ok(())
+    })?;
     stretches.extend(open.close());
     Ok(Rows { connections, stretches })
+}
+
+/// Shows the place in the table, the topic's id and the time of each message.
+pub(crate) fn each_row(
+    database: &Database,
+    mut show: impl FnMut(u64, i64, u64) -> Result<(), Rosbag2Error>,
+) -> Result<(), Rosbag2Error> {
+    let mut found = database.prepare("SELECT topic_id, timestamp FROM messages NOT INDEXED")?;
+    let (mut rows, mut left) = (found.query([])?, database.left("messages"));
+    let mut count = 0;
+    while let Some(row) = rows.next()? {
+        count += 1;
+        left.take(row)?;
+        let topic = integer(row, 0, "messages")?;
+        show(count, topic, time(integer(row, 1, "messages")?, count)?)?;
+    }
+    Ok(())
 }
 
 /// The time of a message, by its place in the table.

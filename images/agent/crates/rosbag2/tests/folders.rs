@@ -5,7 +5,7 @@ mod made;
 
 use std::path::{Path, PathBuf};
 
-use bagpipe_log::{MessageEncoding, SchemaEncoding, Window};
+use bagpipe_log::{Late, MessageEncoding, SchemaEncoding, Window};
 use bagpipe_mcap::Mcap;
 use bagpipe_rosbag2::{
     Database, Folder, Reading, Selection, Storage, mcap_of_database, metadata, rows,
@@ -85,24 +85,53 @@ fn a_type_s_hash_is_where_rosbag2_s_mcap_has_it() {
 }
 
 #[test]
-fn a_part_of_a_database_has_what_was_latched_before_it() {
+fn a_part_of_a_database_has_what_was_in_force_before_it() {
     let place = tempfile::tempdir().unwrap();
     let path = place.path().join("a file ?#%.db3");
     made::database(&path, Form::Humble, 0..MESSAGES, <[u8]>::to_vec);
     let all = messages(0..MESSAGES);
     let window = Window { start: all[20].3, end: all[30].3 };
     let topics = |topic: &str| topic != "/b";
-    let selection = Selection { window, ..Selection::all(&topics) };
-    let bytes = mcap_of_database(&Database::open(&path).unwrap(), &selection, 1 << 20).unwrap();
-    let expected: Vec<_> = all
-        .iter()
-        .filter(|each| {
-            window.contains(each.3) && each.0 != "/b" || each.0 == "/map" && each.3 < window.start
-        })
-        .cloned()
-        .collect();
-    assert!(expected.len() > 10);
-    assert!(read(&[Mcap::open(bytes).unwrap()]) == expected);
+    let before = |topic: &str, most: usize| {
+        let found = all.iter().rev().filter(|each| each.0 == topic && each.3 < window.start);
+        found.take(most).cloned().collect::<Vec<_>>()
+    };
+    let within = all.iter().filter(|each| window.contains(each.3) && each.0 != "/b");
+    let read_as = |late: &dyn Fn(&str) -> Late| {
+        let selection = Selection { window, late, ..Selection::all(&topics) };
+        let bytes = mcap_of_database(&Database::open(&path).unwrap(), &selection, 1 << 20);
+        read(&[Mcap::open(bytes.unwrap()).unwrap()])
+    };
+    let as_recorded = read_as(&|_| Late::default());
+    let with = |mut latched: Vec<made::Plain>| {
+        latched.extend(within.clone().cloned());
+        latched.sort_by_key(|each| each.3);
+        latched
+    };
+    assert_eq!(before("/map", 9).len(), 6);
+    assert!(as_recorded == with(before("/map", 1)));
+    let three = read_as(&|_| Late { latching: Some(true), depth: Some(3) });
+    assert!(three == with([before("/a", 3), before("/map", 3)].concat()));
+    let none = read_as(&|_| Late { latching: Some(false), depth: None });
+    assert!(none == with(Vec::new()));
+}
+
+#[test]
+fn a_part_of_a_database_takes_no_memory_for_what_is_in_force_no_more() {
+    let place = tempfile::tempdir().unwrap();
+    let path = place.path().join("a.db3");
+    made::database(&path, Form::Humble, 0..MESSAGES, <[u8]>::to_vec);
+    let file = rusqlite::Connection::open(&path).unwrap();
+    let larger = "UPDATE messages SET data = zeroblob(100000) \
+                  WHERE topic_id = (SELECT id FROM topics WHERE name = '/map')";
+    assert_eq!(file.execute(larger, []).unwrap(), 20);
+    let all = messages(0..MESSAGES);
+    let window = Window { start: all[56].3, end: all[59].3 };
+    let within = all[56..59].iter().filter(|each| each.0 == "/map").count();
+    let selection = Selection { window, ..Selection::all(&|topic| topic == "/map") };
+    let database = Database::open(&path).unwrap();
+    let bytes = mcap_of_database(&database, &selection, 1_000_000).unwrap();
+    assert_eq!((read(&[Mcap::open(bytes).unwrap()]).len(), within), (3, 2));
 }
 
 #[test]
