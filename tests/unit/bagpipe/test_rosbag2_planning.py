@@ -18,7 +18,8 @@ from bagpipe.plan.conditions import Conditions, Crossing
 from bagpipe.plan.fragments import cut
 from bagpipe.plan.made import Plan
 from bagpipe.plan.parts import PartPlanner
-from bagpipe.plan.rosbag2 import Rosbag2, read_metadata, without_members
+from bagpipe.plan.rosbag2 import Rosbag2, without_members
+from bagpipe.plan.rosbag2_metadata import read_metadata
 from bagpipe.run.laptop import planned_case, write_fragment
 from bagpipe.source.bags.expanding import recordings
 from bagpipe.source.bags.folder_stream import (
@@ -297,7 +298,7 @@ def test_the_metadata_s_encoding_is_the_one_that_counts(storage: str, tmp_path: 
 
 
 def test_a_zstd_bomb_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("bagpipe.plan.rosbag2.MOST_WHOLE_BYTES", 100_000)
+    monkeypatch.setattr("bagpipe.plan.rosbag2_whole.MOST_WHOLE_BYTES", 100_000)
     assert planned(folder(tmp_path / "fits", Form("mcap", "FILE"), [drive()]), source()).cases
     large = [Message("/a", START + number, b"\0" * 50_000) for number in range(10)]
     for storage in ("mcap", "sqlite3"):

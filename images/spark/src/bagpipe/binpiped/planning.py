@@ -12,14 +12,8 @@ from bagpipe.plan.fragments import cut
 from bagpipe.plan.framing import framing
 from bagpipe.plan.left_out import check_left_out
 from bagpipe.plan.part import Part
-from bagpipe.plan.rosbag2 import (
-    Rosbag2,
-    in_folders,
-    is_folder,
-    joined,
-    read_metadata,
-    without_members,
-)
+from bagpipe.plan.rosbag2 import Rosbag2, in_folders, joined, without_members
+from bagpipe.plan.rosbag2_metadata import is_folder, read_metadata
 from bagpipe.storage import Stat, Storage, StorageError
 from bagpipe.wire.frames import MAX_PAYLOAD_BYTES, payloads
 

@@ -16,7 +16,7 @@ from bagpipe.native import NativeModuleError, native
 from bagpipe.plan.bag_tail import BagError, BagTail, read_tail
 from bagpipe.plan.fragments import Window, cut_one
 from bagpipe.plan.framing import framed
-from bagpipe.plan.rosbag2 import METADATA, is_folder, read_metadata
+from bagpipe.plan.rosbag2_metadata import METADATA, is_folder, read_metadata
 from bagpipe.recording_format import MCAP_MAGIC
 from bagpipe.storage import Storage, StorageError
 

@@ -4,19 +4,14 @@ Its files are planned as if they lay one behind the other in a single file: a pl
 file's own offset behind where the file begins. So fragments are cut over the whole recording, and
 one may need parts of several files. A file of MCAP is read by ranges; one of SQLite, or one that
 was compressed as a whole, is read whole, and its parts have one range: all of it.
-
-Format: https://github.com/ros2/rosbag2, metadata.yaml of versions 4 to 9.
 """
 
 import bisect
 import contextlib
 import posixpath
-import tempfile
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any
 
 from bagpipe.native import native
 from bagpipe.plan.bag_tail import BagError, BagTail, Chunk, Connection, message_times, read_tail
@@ -24,55 +19,19 @@ from bagpipe.plan.fragments import FragmentPlan, Window, ranges_of
 from bagpipe.plan.framing import framed
 from bagpipe.plan.in_force import Late
 from bagpipe.plan.part import Part
+from bagpipe.plan.rosbag2_metadata import METADATA, Metadata, is_folder, read_metadata
+from bagpipe.plan.rosbag2_whole import tail_of_whole, whole_file
 from bagpipe.plan.stated_times import stated_by
 from bagpipe.storage import OpenFile, Storage, StorageError
 from bagpipe.storage.globs import fixed_folder, is_of_one_folder, is_pattern, matcher
 from bagpipe.topic_names import resolve
 
-METADATA = "metadata.yaml"
 # The names that files of recordings end in.
 _OF_FILES = frozenset({".bag", ".mcap", ".db3"})
 _ON_VOLUMES = ("pvc://", "file://")
-# A longer one is refused; rosbag2 writes about a kilobyte for each topic.
-MOST_METADATA_BYTES = 4 << 20
-# Of a file that is read whole, as it is stored and again as it is uncompressed, on this disk.
-MOST_WHOLE_BYTES = 4 << 30
 # Of a fragment's bytes as they are stored, of each file, and again of what they hold uncompressed.
 MOST_FRAGMENT_BYTES = 1 << 30
 _PIECE_BYTES = 1 << 20
-
-
-@dataclass(frozen=True)
-class Metadata:
-    """What metadata.yaml says; `text` is the file itself.
-
-    `files` are URIs in the recording's order. `storage` is mcap or sqlite3, `compressed` none, file
-    or message. `encodings` are those of the topics by their resolved names.
-    """
-
-    uri: str
-    version: str
-    text: bytes
-    storage: str
-    compressed: str
-    files: list[str]
-    messages: int
-    encodings: dict[str, str]
-
-    @property
-    def by_ranges(self) -> bool:
-        """Whether a file's summary says which bytes are needed."""
-        return self.storage == "mcap" and self.compressed != "file"
-
-    @property
-    def as_stored(self) -> bool:
-        """Whether the chunks of a file are those of the recording, so that they can be sent."""
-        return self.storage == "mcap" and self.compressed == "none"
-
-
-def is_folder(uri: str) -> bool:
-    """Whether a URI names a folder of rosbag2, by its metadata."""
-    return posixpath.basename(uri) == METADATA
 
 
 def in_folders(pattern: str, storage: Storage) -> list[str]:
@@ -119,28 +78,6 @@ def without_members(uris: list[str], storage: Storage) -> list[str]:
                 files = read_metadata(f"{given}{METADATA}", storage).files
                 members.update(storage.own_names(files).values())
     return [uri for uri in uris if own[uri] not in members]
-
-
-def read_metadata(uri: str, storage: Storage) -> Metadata:
-    """The metadata at a URI. Raises BagError and StorageError."""
-    file = storage.open(uri)
-    if file.size > MOST_METADATA_BYTES:
-        raise BagError(
-            "BagUnreadable", f"it has {file.size} bytes, expected at most {MOST_METADATA_BYTES}"
-        )
-    text = file.read(0, file.size)
-    _, kind, files, compressed, messages, topics = _parsed("rosbag2_metadata", text)
-    folder = uri.removesuffix(METADATA)
-    return Metadata(
-        uri,
-        file.version,
-        text,
-        kind,
-        compressed,
-        [folder + name for name in files],
-        messages,
-        {resolve(topic): encoding for topic, _, encoding, _ in topics},
-    )
 
 
 @dataclass(frozen=True)
@@ -266,76 +203,12 @@ def _tail_of(uri: str, metadata: Metadata, storage: Storage) -> tuple[OpenFile, 
         tail = read_tail(file.read, file.size)
     else:
         with whole_file(file, metadata, storage) as path:
-            tail = _of_whole(path, metadata, file.size)
+            tail = tail_of_whole(path, metadata, file.size)
     encoded = [
         replace(each, encoding=metadata.encodings.get(each.topic) or each.encoding)
         for each in tail.connections
     ]
     return file, replace(tail, connections=encoded)
-
-
-def _of_whole(path: Path, metadata: Metadata, size: int) -> BagTail:
-    """The tail of a file that lies on this disk, whose chunks have places of no meaning."""
-    if metadata.storage == "mcap":
-        with path.open("rb") as stream:
-
-            def read(offset: int, length: int) -> bytes:
-                stream.seek(offset)
-                return stream.read(length)
-
-            tail = read_tail(read, path.stat().st_size)
-            for chunk in () if tail.counted else tail.chunks:
-                message_times(read, chunk)  # which the parts of a fragment have no place for
-    else:
-        connections, stretches = _parsed("database_rows", path, metadata.text)
-        tail = BagTail(
-            size,
-            [],
-            [Connection(number, resolve(topic), *rest) for number, topic, *rest in connections],
-            [Chunk(0, 0, start, end, counts) for start, end, counts in stretches],
-        )
-        if not stretches:
-            raise BagError("BagEmpty", "the file holds no messages")
-    if len(tail.chunks) > size:
-        raise BagError("BagUnreadable", f"{len(tail.chunks)} chunks in a file of {size} bytes")
-    placed = [replace(each, offset=at, end=at + 1) for at, each in enumerate(tail.chunks)]
-    return replace(tail, chunks=placed, counted=True)
-
-
-@contextlib.contextmanager
-def whole_file(file: OpenFile, metadata: Metadata, storage: Storage) -> Iterator[Path]:
-    """A file of a folder on this disk, uncompressed where it is compressed as a whole.
-
-    Raises BagError and StorageError.
-    """
-    log = f"{file.uri}-wal"
-    # A reader that was killed leaves an empty one.
-    if metadata.storage == "sqlite3" and storage.exists(log) and storage.size(log):
-        raise BagError(
-            "BagUnreadable",
-            "beside it lies a write-ahead log (-wal), which holds messages that are not in the file"
-            " yet: open the file once by `sqlite3 FILE 'PRAGMA user_version'`, and copy it again",
-        )
-    if file.size > MOST_WHOLE_BYTES:
-        raise BagError(
-            "BagUnreadable",
-            f"it has {file.size:,} bytes and must be read whole, which is done up to"
-            f" {MOST_WHOLE_BYTES:,}: `bagpipe bag convert` makes MCAP of it",
-        )
-    with tempfile.TemporaryDirectory(prefix="bagpipe-") as folder:
-        path = Path(folder, "stored")
-        try:
-            with path.open("wb") as stored:
-                for piece in file.pieces([(0, file.size)], _PIECE_BYTES):
-                    stored.write(piece)
-            if metadata.compressed == "file":
-                whole = Path(folder, "whole")
-                _parsed("uncompress_file", path, whole, MOST_WHOLE_BYTES)
-                path.unlink()
-                path = whole
-        except OSError as error:
-            raise StorageError(f"{file.uri}: it can't be copied to this disk: {error}") from error
-        yield path
 
 
 def joined(
@@ -382,11 +255,3 @@ def _bytes_of(part: Part, storage: Storage) -> bytes:
     sources = part.connections + part.ranges
     pieces = storage.pieces(part.bag, sources, _PIECE_BYTES, part.version)
     return b"".join(framed(sources, pieces, part.stated))
-
-
-def _parsed(parser: str, *arguments: Any) -> Any:
-    refused = native("TailError", "reading a bag")
-    try:
-        return native(parser, "reading a folder of rosbag2")(*arguments)
-    except refused as error:
-        raise BagError(*error.args) from None

@@ -7,7 +7,8 @@ from bagpipe.native import native
 from bagpipe.plan.bag_tail import BagError
 from bagpipe.plan.framing import framed
 from bagpipe.plan.part import Part
-from bagpipe.plan.rosbag2 import MOST_FRAGMENT_BYTES, is_folder, joined, read_metadata
+from bagpipe.plan.rosbag2 import MOST_FRAGMENT_BYTES, joined
+from bagpipe.plan.rosbag2_metadata import is_folder, read_metadata
 from bagpipe.storage import Storage, StorageError
 from bagpipe.topic_names import resolve
 

@@ -6,7 +6,8 @@ from functools import partial
 from bagpipe.plan.bag_tail import BagError, BagTail, message_times, read_tail
 from bagpipe.plan.fragments import FragmentPlan
 from bagpipe.plan.part import Part
-from bagpipe.plan.rosbag2 import Rosbag2, is_folder, read_metadata
+from bagpipe.plan.rosbag2 import Rosbag2
+from bagpipe.plan.rosbag2_metadata import is_folder, read_metadata
 from bagpipe.storage import OpenFile, Storage, StorageError
 
 

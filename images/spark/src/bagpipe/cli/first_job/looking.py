@@ -19,7 +19,8 @@ from bagpipe.cli.first_job.sampling import Sampled, sample_of_file, sample_of_fo
 from bagpipe.native import native
 from bagpipe.plan.bag_tail import BagError, BagTail, Chunk, compression_of, message_times, read_tail
 from bagpipe.plan.fragments import cut, holding
-from bagpipe.plan.rosbag2 import Metadata, Rosbag2, is_folder, read_metadata
+from bagpipe.plan.rosbag2 import Rosbag2
+from bagpipe.plan.rosbag2_metadata import Metadata, is_folder, read_metadata
 from bagpipe.storage import OpenFile, Storage, StorageError
 from bagpipe.topic_names import resolve
 

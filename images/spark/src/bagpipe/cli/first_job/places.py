@@ -10,7 +10,7 @@ from pathlib import Path
 
 from pydantic import TypeAdapter, ValidationError
 
-from bagpipe.plan.rosbag2 import METADATA
+from bagpipe.plan.rosbag2_metadata import METADATA
 from bagpipe.storage import StorageError
 from bagpipe.texts import BagUri
 

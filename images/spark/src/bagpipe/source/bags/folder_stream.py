@@ -13,12 +13,8 @@ from bagpipe.plan.fragments import cut_one
 from bagpipe.plan.in_force import Late
 from bagpipe.plan.left_out import check_left_out
 from bagpipe.plan.part import Part
-from bagpipe.plan.rosbag2 import (
-    Metadata,
-    Rosbag2,
-    joined,
-    read_metadata,
-)
+from bagpipe.plan.rosbag2 import Rosbag2, joined
+from bagpipe.plan.rosbag2_metadata import Metadata, read_metadata
 from bagpipe.source.bags.stream import part_file
 from bagpipe.storage import Storage
 from bagpipe.topic_names import resolve
