@@ -85,6 +85,13 @@ def test_an_included_combination_counts_once_and_whatever_the_rules_say() -> Non
     ]
 
 
+def test_of_what_is_included_1_and_1_0_are_one_value_and_1_and_true_are_two() -> None:
+    included = [{"x": True}, {"x": 2.0}, {"x": False}, {"x": True}, {"x": 7}, {"x": 7.0}]
+    found = expand(matrix(variables={"x": [0, 1, 2]}, include=included))
+    values = [(type(s.values["x"]), s.values["x"]) for s in found.scenarios]
+    assert values == [(int, 0), (int, 1), (int, 2), (bool, True), (bool, False), (int, 7)]
+
+
 def test_seeds_repeat_each_combination() -> None:
     found = expand(matrix(variables={"a": [1, 2]}, seeds=3)).scenarios
     assert [(s.number, s.seed) for s in found] == [(0, 0), (0, 1), (0, 2), (1, 0), (1, 1), (1, 2)]

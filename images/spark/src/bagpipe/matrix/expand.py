@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from bagpipe.matrix.faults import MatrixError
-from bagpipe.matrix.model import Choices, Matrix, Scalar, Span, Variable
+from bagpipe.matrix.model import Choices, Matrix, Scalar, Span, Variable, one_value
 from bagpipe.matrix.rules import Rules
 from bagpipe.matrix.sampling import pairwise, stratified
 
@@ -123,11 +123,15 @@ def _included(
 ) -> list[Scenario]:
     """Combinations by name: they count whatever the rules and the lists say, but never twice."""
     added: list[Scenario] = []
+    taken: set[tuple[object, ...]] = set()
+    listed = {name: set(map(one_value, values[name])) for name in names}
     for row in matrix.include:
         combination = {name: row[name] for name in names}
-        listed = all(combination[name] in values[name] for name in names)
-        known = listed and rules.excluding(combination) is None
-        if not known and all(scenario.values != combination for scenario in added):
+        given = tuple(one_value(value) for value in combination.values())
+        known = all(each in listed[name] for name, each in zip(names, given, strict=True))
+        known = known and rules.excluding(combination) is None
+        if not known and given not in taken:
+            taken.add(given)
             added.append(Scenario(total + len(added), combination))
     return added
 
@@ -148,11 +152,11 @@ def _chosen(
         return allowed
     weights = {name: _weights(variable) for name, variable in matrix.variables.items()}
     by_value = {
-        name: dict(zip(map(_key, values[name]), weights[name], strict=True)) for name in values
+        name: dict(zip(map(one_value, values[name]), weights[name], strict=True)) for name in values
     }
     picked = stratified(
         [
-            {name: (_key(v), by_value[name].get(_key(v), 1.0)) for name, v in row.items()}
+            {name: (one_value(v), by_value[name].get(one_value(v), 1.0)) for name, v in row.items()}
             for row in rows
         ],
         matrix.limit,
@@ -165,8 +169,3 @@ def _weights(variable: Variable) -> list[float]:
     if isinstance(variable, Choices):
         return [choice.weight for choice in variable.choices]
     return [1.0] * len(values_of(variable))
-
-
-def _key(value: Scalar) -> tuple[str, Scalar]:
-    """1 and True are equal in Python and two values in a matrix."""
-    return (type(value).__name__, value)

@@ -137,6 +137,13 @@ class Matrix(_Model):
         return self
 
 
+def one_value(value: Scalar) -> tuple[bool, Scalar]:
+    """Equal for equal values: to an API server and to comparisons 1 and 1.0 are one, and 1 and true
+    are two, although Python has these equal.
+    """
+    return (isinstance(value, bool), value)
+
+
 def _check_values(name: str, values: Variable) -> None:
     if isinstance(values, Span):
         return
@@ -145,6 +152,5 @@ def _check_values(name: str, values: Variable) -> None:
         raise ValueError(f"{name} has no value: write at least one")
     if len(listed) > MOST_VALUES:
         raise ValueError(f"{name} has {len(listed)} values, and may have {MOST_VALUES}")
-    # 1 and 1.0 are one value to an API server, and to comparisons.
-    if len({(isinstance(value, bool), value) for value in listed}) != len(listed):
+    if len(set(map(one_value, listed))) != len(listed):
         raise ValueError(f"{name} names a value twice: leave one out")
