@@ -67,6 +67,10 @@ def test_the_same_case_is_the_same_fragment_values_and_seed() -> None:
     [
         ({"bag": "pvc://r/a.bag"}, "pvc://r/a.bag"),
         ({"bag": "sequence", "parts": [{"bag": "b"}, {"bag": "a"}, {"bag": "b"}]}, "a+b"),
+        (
+            {"bag": "s3://a/d/metadata.yaml", "parts": [{"bag": "s3://a/d/d_3.mcap"}]},
+            "s3://a/d/metadata.yaml",
+        ),
         ({"bag": "simulator", "seed": 7, "values": {"rain": 1}}, 'f {"rain": 1}'),
         ({"bag": "sequence", "parts": []}, "f {}"),
         ({}, "f {}"),

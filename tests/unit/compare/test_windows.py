@@ -130,3 +130,31 @@ def test_a_file_that_has_changed_since_is_named() -> None:
     assert found.verdict == "same"
     assert found.message.endswith("; 8 played from a file that has changed since")
     assert "file" not in compared(rows(20), rows(20)).message
+
+
+def of_folder(n: int, version: str, figure: float) -> dict[str, Any]:
+    """A fragment of one folder of rosbag2, whose files are split as the fragments are."""
+    file = {"bag": f"file:///d/d_{n}.mcap", "version": version, "window": [0, 1], "at": 0}
+    given = {"bag": "file:///d/metadata.yaml", "bag_version": "v1", "parts": [file]}
+    return row(n, "", figure=figure, **given)
+
+
+def test_a_folder_is_one_recording_however_many_files_it_is_split_into() -> None:
+    then = [of_folder(n, "v1", 0.050) for n in range(8)]
+    found = compared([of_folder(n, "v1", 0.051) for n in range(8)], then)
+    assert found.verdict == "same"
+    assert {one.recordings for one in found.criteria} == {1}
+    worse = [row(n, "", figure=0.051, bag=f"file:///d{n}.mcap") for n in range(8)]
+    better = [row(n, "", figure=0.050, bag=f"file:///d{n}.mcap") for n in range(8)]
+    assert compared(worse, better).verdict == "worse"
+
+
+def test_a_file_of_a_folder_that_has_changed_since_is_named() -> None:
+    then = [of_folder(n, "v1", 0.050) for n in range(8)]
+    now = [of_folder(n, "v2" if n == 3 else "v1", 0.050) for n in range(8)]
+    assert compared(now, then).message.endswith("; 1 played from a file that has changed since")
+    # Other topics may need another file of the folder, which says nothing of it.
+    other = [
+        of_folder(n, "v1", 0.050) | {"parts": of_folder(9, "v9", 0)["parts"]} for n in range(8)
+    ]
+    assert "file" not in compared(other, then).message

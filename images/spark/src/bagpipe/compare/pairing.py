@@ -38,7 +38,7 @@ class Rounds:
     by what they are without (left_out), also where nothing is left. `recording` says with which
     other cases it may share its luck: those of the same recording are not independent of each
     other. `windows` are the parts of it that were judged, in ns since 1970, and `files` the marks
-    of its file when it was planned.
+    of each of its files when it was planned.
     """
 
     recording: str
@@ -48,7 +48,7 @@ class Rounds:
     figures: dict[Series, list[float]] = field(default_factory=lambda: defaultdict(list))
     losses: dict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
     windows: set[tuple[int, int]] = field(default_factory=set)
-    files: set[str] = field(default_factory=set)
+    files: dict[str, set[str]] = field(default_factory=lambda: defaultdict(set))
 
     def add(self, row: Row) -> None:
         """One more round."""
@@ -58,8 +58,10 @@ class Rounds:
         if row.get("window"):
             _, start, end = row["window"]
             self.windows.add((start, end))
-        if row.get("bag_version"):
-            self.files.add(str(row["bag_version"]))
+        # A folder's own mark is that of its metadata alone.
+        for file in [{"bag": row.get("bag"), "version": row.get("bag_version")}, *_parts(row)]:
+            if file.get("version"):
+                self.files[str(file["bag"])].add(str(file["version"]))
         for finding in row.get("criteria") or []:
             for each in figures_of(finding):
                 if each.get("figure") is not None and each.get("direction"):
@@ -82,7 +84,7 @@ class Rounds:
             figures=figures,
             losses=losses,
             windows=self.windows | other.windows,
-            files=self.files | other.files,
+            files=_all_marks(self.files, other.files),
         )
 
     @property
@@ -187,15 +189,26 @@ def windows_differ(then: Rounds, now: Rounds) -> bool:
 
 
 def files_differ(then: Rounds, now: Rounds) -> bool:
-    """Whether the recording of one name was another file."""
-    same = then.recording == now.recording
-    return bool(same and then.files and now.files and then.files != now.files)
+    """Whether a file of the recording of one name was another one."""
+    both = then.files.keys() & now.files if then.recording == now.recording else ()
+    return any(then.files[file] != now.files[file] for file in both)
 
 
 def losses_differ(then: Rounds, now: Rounds) -> bool:
     """Whether both versions had losses counted, or nodes that nobody counts, and not alike."""
     some = any(then.losses.values()) or any(now.losses.values())
     return bool(some and then.losses and now.losses and not figures_of_both(LOSSES, then, now)[0])
+
+
+def _parts(row: Row) -> list[Row]:
+    return list(row.get("parts") or [])
+
+
+def _all_marks(one: Mapping[str, set[str]], other: Mapping[str, set[str]]) -> dict[str, set[str]]:
+    both = defaultdict(set, {file: set(marks) for file, marks in one.items()})
+    for file, marks in other.items():
+        both[file] |= marks
+    return both
 
 
 _K = TypeVar("_K")
@@ -214,15 +227,15 @@ def _series(finding: Mapping[str, Any], figure: Mapping[str, Any]) -> Series:
 
 
 def recording_of(row: Row) -> str:
-    """What a case was played from: a bag, the bags of its pieces, or one world of a simulator.
+    """What a case was played from: a recording, the bags of its pieces, or a simulator's world.
 
     The seeds of one simulated scenario share that scenario; there is no recording behind them.
     """
-    parts = sorted({str(part["bag"]) for part in row.get("parts") or []})
-    if parts:
-        return "+".join(parts)
     bag = str(row.get("bag") or "")
     if "://" in bag:  # where no single recording was played, it is a word of the source's
         return bag
+    parts = sorted({str(part["bag"]) for part in _parts(row)})
+    if parts:
+        return "+".join(parts)
     fragment, values, _ = key_of(row)
     return f"{fragment} {values}"
