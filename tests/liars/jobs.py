@@ -26,7 +26,13 @@ CRITERIA: dict[str, dict[str, Any]] = {
     "near": {"bounds": {"topic": ANSWER, "field": X, "max": 1000.0}},
     "sane": {"expression": {"topic": ANSWER, "holds": "!(msg.pose.position.x > 1000.0)"}},
     "arrived": {
-        "finalPose": {"topic": ANSWER, "position": [98.0, 1.0], "maxDistance": 0.5, "yaw": 0.0}
+        "finalPose": {
+            "topic": ANSWER,
+            "position": [98.0, 1.0],
+            "maxDistance": 0.5,
+            "yaw": 0.0,
+            "maxYawError": 0.1,
+        }
     },
     "small": {"resources": {"maxMemory": "200Mi"}},
     "no alarm": {"presence": {"topic": "/alarm", "min": 0, "max": 0}},

@@ -126,6 +126,14 @@ LIARS = [
         *WRONG,
     ),
     Row(
+        "turned-round",
+        OF,
+        "is where it should be at the end, and looks back",
+        ARRIVED,
+        _numbers("turned-round"),
+        *WRONG,
+    ),
+    Row(
         "no-rotation",
         OF,
         "has a rotation of four zeros, which is none",

@@ -81,6 +81,15 @@ class NoHeading(Localiser):
         self.say(answer)
 
 
+class TurnedRound(Localiser):
+    """Where it is, is right, and it looks back."""
+
+    def received(self, number, pose):
+        answer = right(pose)
+        answer.pose.orientation.z, answer.pose.orientation.w = 1.0, 0.0
+        self.say(answer)
+
+
 class OneOffset(Localiser):
     """Numbers that are plainly wrong: the answer is the pose itself."""
 

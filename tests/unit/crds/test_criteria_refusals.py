@@ -9,7 +9,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from bagpipe.evaluate.model import KINDS, Criterion
+from bagpipe.evaluate.model import KINDS, RAN, Criterion
 from tests.unit.crds.offline import refusals
 from tests.unit.crds.test_crd import CRD, schema_of
 
@@ -114,6 +114,9 @@ REFUSED: list[tuple[str, Value, str]] = [
     ("error", {"fields": [], "truthFields": []}, "error.fields is empty"),
     ("error", {"truthFields": ["u"]}, "error.truthFields and fields differ in number"),
     ("error", {"stampTolerance": "50"}, "error.stampTolerance must be a duration with its unit"),
+    ("error", {"truth": "/a", "truthFields": []}, "error compares a topic with itself"),
+    ("error", {"truth": "/a", "truthFields": ["x", "y.z[0]"]}, "error compares a topic with"),
+    ("finalPose", {"maxYawError": 3.1415}, "finalPose.yaw and maxYawError go together"),
     ("separation", {"maxAge": "0s"}, "separation.maxAge must be a duration above zero"),
     ("resources", {"maxMemory": "2 GB"}, "resources.maxMemory is no quantity"),
     ("own", {"timeout": "25h"}, "own.timeout must be a duration above zero and of at most 24h"),
@@ -129,3 +132,34 @@ def test_a_refusal_says_what_to_write(kind: str, changed: Value, sentence: str) 
     [refused] = refusals(SCHEMA, {"name": "c", kind: GOOD[kind] | changed})
     assert sentence in refused
     assert "write " in refused
+
+
+@pytest.mark.parametrize("half", ["yaw", "maxYawError"])
+def test_a_heading_has_a_bound_and_a_bound_a_heading(half: str) -> None:
+    value = {"name": "c", "finalPose": {k: v for k, v in GOOD["finalPose"].items() if k != half}}
+    [refused] = refusals(SCHEMA, value)
+    assert "write both, the error below 3.1415, or neither" in refused
+    assert not taken_by_the_model(value)
+
+
+@pytest.mark.parametrize(
+    ("kind", "changed"),
+    [
+        ("error", {"truth": "/a"}),  # in other fields
+        ("error", {"truth": "/a", "truthFields": [], "recording": True}),
+    ],
+)
+def test_a_topic_is_compared_with_what_is_not_itself(kind: str, changed: Value) -> None:
+    value = {"name": "c", kind: GOOD[kind] | changed}
+    assert (refusals(SCHEMA, value), taken_by_the_model(value)) == ([], True)
+
+
+def test_what_an_earlier_release_took_is_read_with_its_results() -> None:
+    """The API server had put the bound in that no heading exceeds."""
+    pose = {k: v for k, v in GOOD["finalPose"].items() if k not in {"yaw", "maxYawError"}}
+    stored = {"name": "c", "finalPose": pose | {"maxYawError": 3.141592653589793}}
+    assert (refusals(SCHEMA, stored), taken_by_the_model(stored)) == ([], True)
+    itself = {"name": "c", "error": GOOD["error"] | {"truth": "/a", "truthFields": []}}
+    for value in (itself, {"name": "c", "finalPose": stored["finalPose"] | {"yaw": 1}}):
+        assert not taken_by_the_model(value)
+        assert Criterion.model_validate(value, context={RAN: True}).name == "c"

@@ -24,7 +24,15 @@ ERROR = {
         "max": 0.5,
     }
 }
-GOAL = {"finalPose": {"topic": "/pose", "position": [14.9, 0.0], "maxDistance": 0.2, "yaw": 0.0}}
+GOAL = {
+    "finalPose": {
+        "topic": "/pose",
+        "position": [14.9, 0.0],
+        "maxDistance": 0.2,
+        "yaw": 0.0,
+        "maxYawError": 0.1,
+    }
+}
 KEEPS_AWAY = {"separation": {"ego": "/pose", "obstacles": "/cars", "minDistance": 2}}
 DAY = 86_400.0
 

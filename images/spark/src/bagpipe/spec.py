@@ -19,7 +19,7 @@ from pydantic import (
 )
 
 from bagpipe.engine_fields import DEFAULT_ENGINE, engine_names, load_engines, refusal
-from bagpipe.evaluate.model import Criterion, topics_of
+from bagpipe.evaluate.model import RAN, Criterion, of_results, topics_of
 from bagpipe.executor_range import ExecutorRange, Executors, least_of, most_of, wanted
 from bagpipe.faults import FaultRule
 from bagpipe.matrix.model import Matrix
@@ -55,8 +55,6 @@ from bagpipe.topic_patterns import records
 # Where the operator mounts the ConfigMaps of users' evaluators, in the executors alone.
 EVALUATORS_PATH = "/etc/bagpipe/evaluators"
 DEFAULT_BACKOFF_LIMIT = 3
-# In a validation's context: the job has been run, and its results are read.
-_RAN = "ran"
 
 
 class _Model(BaseModel):
@@ -322,14 +320,12 @@ class SimulationJobSpec(_Model):
         """The spec of a job that was run once, by whatever rules there were. Raises ValidationError
         where it has not a spec's form.
         """
-        return cls.model_validate(spec, context={_RAN: True})
+        return cls.model_validate(spec, context={RAN: True})
 
     @model_validator(mode="after")
     def _rules(self, info: ValidationInfo) -> Self:
-        """What fields must mean together. A rule that is newer than a job's results is no reason
-        not to read them.
-        """
-        if info.context and info.context.get(_RAN):
+        """What fields must mean together."""
+        if of_results(info):
             return self
         self._evaluators_see_no_credentials()
         self._latency_is_of_real_time()

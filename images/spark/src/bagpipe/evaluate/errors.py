@@ -156,7 +156,7 @@ def _off(name: str, wanted: FinalPose, pose: tuple[Any, Any]) -> Finding:
         f"from ({wanted.position[0]:g}, {wanted.position[1]:g}),"
         f" at ({position.x:.3f}, {position.y:.3f}) in the end",
     )
-    if wanted.yaw is None:
+    if wanted.yaw is None or wanted.max_yaw_error is None:
         return found
     heading = bounded(
         Finding(

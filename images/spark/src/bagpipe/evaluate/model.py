@@ -4,7 +4,14 @@ import math
 import re
 from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationInfo,
+    model_validator,
+)
 from pydantic.alias_generators import to_camel
 
 from bagpipe.texts import Duration, duration_seconds
@@ -14,6 +21,15 @@ _TOPIC = re.compile(r"(?:/[A-Za-z0-9_-]+)+")
 _PART = r"[A-Za-z][A-Za-z0-9_]*(?:\[[0-9]{1,6}\])?"
 _PATH = re.compile(rf"{_PART}(?:[.]{_PART})*")
 _LONGEST_TIMEOUT = 86_400.0
+# No heading is further from another one; releases before 0.2 wrote it where nothing was written.
+_ANY_HEADING = 3.1415
+# In a validation's context: the job has been run, and its results are read.
+RAN = "ran"
+
+
+def of_results(info: ValidationInfo) -> bool:
+    """Whether a spec is read with its results: a rule that is newer is no reason not to read it."""
+    return bool(info.context and info.context.get(RAN))
 
 
 def _topic(name: str) -> str:
@@ -145,11 +161,18 @@ class Error(_Model):
     min_coverage: Share = 0.9
 
     @model_validator(mode="after")
-    def _one_truth(self) -> Self:
+    def _one_truth(self, info: ValidationInfo) -> Self:
         if self.truth_fields and len(self.truth_fields) != len(self.fields):
             raise ValueError("truthFields and fields differ in number: write one for each field")
         if self.truth is None and not self.recording:
             raise ValueError("no truth is named: write truth: /topic, or recording: true")
+        same_fields = self.truth_fields in ([], self.fields)
+        itself = self.truth == self.topic and not self.recording and same_fields
+        if itself and not of_results(info):
+            raise ValueError(
+                "a topic is compared with itself: name another truth, or write recording: true for"
+                " what was recorded on it"
+            )
         return self
 
 
@@ -164,8 +187,17 @@ class FinalPose(_Model):
     position: list[Bound] = Field(min_length=2, max_length=3)
     yaw: Bound | None = None
     max_distance: float = Field(gt=0)
-    max_yaw_error: float = Field(default=math.pi, gt=0)
+    max_yaw_error: float | None = Field(default=None, gt=0)
     min_coverage: Share = 0.9
+
+    @model_validator(mode="after")
+    def _a_bounded_heading(self, info: ValidationInfo) -> Self:
+        bounded = self.max_yaw_error is not None and self.max_yaw_error < _ANY_HEADING
+        if (self.yaw is not None) != bounded and not of_results(info):
+            raise ValueError(
+                "yaw and maxYawError go together: write both, the error below 3.1415, or neither"
+            )
+        return self
 
 
 class Separation(_Model):
