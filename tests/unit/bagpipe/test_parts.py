@@ -89,6 +89,24 @@ def test_the_last_message_is_a_piece_and_what_lies_behind_it_is_none(storage: St
     )
 
 
+def test_a_chunk_that_reaches_over_a_piece_is_no_message_in_it(tmp_path: Path) -> None:
+    # /scan from second 1 to 5.9, and /odom to second 61, in one chunk.
+    recorded = [*steady("/scan", 50, SECOND // 10), *steady("/odom", 61, SECOND)]
+    recorded.sort(key=lambda message: message.time)
+    write_bag(tmp_path / "a.bag", recorded)
+    storage = Storage({"recordings": str(tmp_path)})
+    played = {"to": "4s"}
+    for silent in ({"from": "30s", "to": "50s"}, {"from": "4901ms"}):
+        with pytest.raises(PartError, match="has no message of the topics") as refused:
+            sequence(storage, played, silent, topics=["/scan"])
+        assert refused.value.reason == "NoMatchingTopics"
+    with pytest.raises(PartError, match="has no message of the topics"):
+        beside(storage, "/scan", begin="30s")
+    both = sequence(storage, played, {"from": "4900ms", "to": "50s"}, topics=["/scan"])
+    assert len(both) == 2
+    assert len(sequence(storage, played, {"from": "30s"}, topics=["/odom"])) == 2
+
+
 def test_a_bag_that_is_empty_or_without_the_topics_is_reported(storage: Storage) -> None:
     with pytest.raises(PartError, match=r"none\.bag: the bag holds no messages") as refused:
         sequence(storage, {"bag": "pvc://recordings/none.bag"})

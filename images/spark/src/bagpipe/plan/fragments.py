@@ -107,6 +107,15 @@ def cut_one(tail: BagTail, topics: list[str], window: Window) -> FragmentPlan:
     return _Cutter(tail, chunks, wanted).fragment(window)
 
 
+def has_messages(tail: BagTail, topics: list[str], window: Window, times: Times) -> bool:
+    """Whether a window has a message of the topics, its lead-in left out; True where that is not
+    known. A chunk that reaches over it says nothing of it, so that `times` may be asked.
+    """
+    wanted = {c.id for c in tail.connections if not topics or c.topic in topics}
+    chunks = [chunk for chunk in tail.chunks if wanted & holding(chunk)]
+    return _Recorded(ChunksByTime(chunks), wanted, times).between(window.start, window.end)
+
+
 def holding(chunk: Chunk) -> set[int]:
     """The connections that a chunk has messages of."""
     return {connection for connection, count in chunk.counts.items() if count}

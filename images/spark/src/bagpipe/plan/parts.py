@@ -7,7 +7,7 @@ from functools import partial
 
 from bagpipe.pieces import Piece, RecordedTopics, SequencePart
 from bagpipe.plan.bag_tail import BagError, BagTail, message_times, read_tail
-from bagpipe.plan.fragments import Window, check_encoding, cut_one
+from bagpipe.plan.fragments import Window, check_encoding, cut_one, has_messages
 from bagpipe.plan.left_out import check_left_out
 from bagpipe.plan.part import Part
 from bagpipe.storage import OpenFile, Storage, StorageError
@@ -73,8 +73,8 @@ class PartPlanner:
         end = last + 1 if to is None else begin + to
         window = Window(max(begin, start - lead_in), start, end)
         self._check(piece, topics, window)
-        found = cut_one(tail, topics, window) if start <= last else None
-        if found is None or not found.messages:
+        found = cut_one(tail, topics, window)
+        if not self._has_messages(piece, topics, window):
             raise PartError(
                 piece.bag,
                 "NoMatchingTopics",
@@ -93,6 +93,13 @@ class PartPlanner:
             messages=found.messages,
             stated=found.stated,
         )
+
+    def _has_messages(self, piece: Piece, topics: list[str], window: Window) -> bool:
+        tail, file = self._opened(piece.bag)
+        try:
+            return has_messages(tail, topics, window, partial(message_times, file.read))
+        except StorageError as error:
+            raise PartError(piece.bag, "BagUnreadable", str(error)) from error
 
     def _check(self, piece: Piece, topics: list[str], window: Window) -> None:
         tail, file = self._opened(piece.bag)
