@@ -35,6 +35,27 @@ def test_a_percentile_is_the_value_of_the_nearest_rank(percent: float, value: fl
     assert percentile([50, 20, 15, 40, 35], percent) == value
 
 
+@pytest.mark.parametrize(
+    ("rate", "seconds"),
+    # Above 1 what lies in the recording itself would be divided, too.
+    [(1.0, 0.05), (0.1, 0.5), (0.5, 0.1), (4.0, 0.05)],
+)
+def test_a_play_at_another_rate_makes_no_stack_faster(rate: float, seconds: float) -> None:
+    entries = with_stamps(*((10.05 + n, 10.0 + n) for n in range(10)))
+    for most, outcome in ((seconds + 0.001, "passed"), (seconds - 0.001, "failed")):
+        finding = found("latency", entries, {"max": f"{most:.3f}s"}, rate=rate)
+        assert finding.figure == pytest.approx(seconds, abs=1e-8)
+        assert finding.outcome == outcome
+        assert ("in real time at a rate of" in finding.message) == (rate < 1)
+
+
+@pytest.mark.parametrize("tenths", range(1, 1001))
+def test_the_rank_is_that_of_the_percentile_as_it_is_written(tenths: int) -> None:
+    for count in (1, 7, 10, 999, 1000, 2000):
+        rank = -(-tenths * count // 1000)
+        assert percentile(range(1, count + 1), tenths / 10) == rank
+
+
 def test_the_delay_is_that_of_the_percentile_that_is_asked() -> None:
     entries = with_stamps(*((10.0 + n + 0.001 * (9 - n), 10.0 + n) for n in range(10)))
     for percent, delay in ((90, 0.008), (91, 0.009), (10, 0.0), (50, 0.004)):
@@ -142,6 +163,18 @@ def test_repeated_messages_fill_no_gap() -> None:
     pairs = [("/t", 10 + n / 2, stamped(10 + n // 2, n // 2, 0.0)) for n in range(20)]
     enough = found("rate", pairs, {"min": 1.0, "over": "worst"})
     assert (enough.outcome, enough.figure) == ("passed", 2.0)
+
+
+@pytest.mark.parametrize("over", ["window", "worst"])
+def test_a_topic_that_is_silent_fails_and_shows_no_known_fault(over: str) -> None:
+    wanted = {"topic": "/t", "min": 5.0, "over": over}
+    given = [{"name": "c", "rate": wanted}, {"name": "d", "rate": wanted, "expectFailure": True}]
+    criteria = [Criterion.model_validate(each) for each in given]
+    silent, known = evaluate(criteria, evidence([]))
+    assert (silent.outcome, known.outcome) == ("failed", "invalid")
+    assert known.message.startswith("expected to fail, but not like this")
+    seen = evaluate(criteria, evidence(plain(*(10 + n for n in range(9)))))
+    assert [each.outcome for each in seen] == ["failed", "passed"]
 
 
 def test_a_window_without_length_has_no_rate() -> None:

@@ -43,6 +43,7 @@ def judged_by_criteria(
         values=case.conditions.values,
         lead_in_start=case.window.lead_in_start,
         paced=spec.playback.mode != "max",
+        rate=spec.playback.rate,
         inputs=attempt.source.input_times(case, storage),
     )
     findings = evaluate(spec.evaluate, evidence, unread=(StorageError,))

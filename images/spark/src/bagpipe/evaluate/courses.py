@@ -182,7 +182,7 @@ def _rate(wanted: Any, evidence: Evidence) -> _Plotted:
 
 def _latency(wanted: Any, evidence: Evidence) -> _Plotted:
     course = [
-        (each.time, (each.time - each.stamp) / 1e9)
+        (each.time, evidence.real_seconds(each.time - each.stamp))
         for each in messages_of(wanted.topic, evidence).answers
         if each.stamp is not None
     ]

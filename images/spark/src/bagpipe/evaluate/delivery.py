@@ -4,6 +4,7 @@ import itertools
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from fractions import Fraction
 
 from bagpipe.evaluate.evidence import Evidence, Received
 from bagpipe.evaluate.finding import Finding, NoEvidenceError, covering
@@ -99,7 +100,10 @@ def rate(name: str, wanted: Rate, evidence: Evidence) -> Finding:
         f"on {wanted.topic}{_repeated(counted, own)}{_more_after(found)}",
     )
     if wanted.over == "worst":
-        return covering(finding, 1.0, "the whole window", "receipt", 0.0)
+        # Of a topic that is silent throughout no gap is seen that a known fault would make.
+        least = 0.0 if found.inside else wanted.min_coverage
+        share, covered = (1.0, "the whole window") if found.inside else (0.0, "no message")
+        return covering(finding, share, covered, "receipt", least, lasting=True)
     usual = (evidence.end - evidence.start) / max(1, len(own))
     share: float | None = spread(times_of(found), evidence, wanted.min_coverage, usual)
     covered = f"{len(own)} messages without a longer silence in {share:.0%} of the window"
@@ -140,7 +144,10 @@ def _more_after(found: TopicMessages) -> str:
 
 
 def latency(name: str, wanted: Latency, evidence: Evidence) -> Finding:
-    """Seconds from stamp to receipt. Raises NoEvidenceError where no stamp can be believed."""
+    """Seconds of real time from stamp to receipt, and never fewer than there were.
+
+    Raises NoEvidenceError where no stamp can be believed.
+    """
     evidence.recorded.samples(wanted.topic)  # what can't be decoded is no evidence
     found = messages_of(wanted.topic, evidence)
     if found.fault:
@@ -150,12 +157,13 @@ def latency(name: str, wanted: Latency, evidence: Evidence) -> Finding:
     delays = [each.time - (each.stamp or 0) for each in found.answers]
     if not delays:
         raise NoEvidenceError(f"no message on {wanted.topic} belongs to the case's window")
-    figure = percentile(delays, wanted.percentile) / 1e9
+    figure = evidence.real_seconds(percentile(delays, wanted.percentile))
+    slowed = f", in real time at a rate of {evidence.rate:g}" if evidence.rate < 1 else ""
     finding = bounded(
         Finding(name, "latency", "passed", figure, "s", direction="lower"),
         None,
         duration_seconds(wanted.max),
-        f"at percentile {wanted.percentile:g} of {len(delays)} messages on {wanted.topic}",
+        f"at percentile {wanted.percentile:g} of {len(delays)} messages on {wanted.topic}{slowed}",
     )
     share, covered = over_window(found, evidence, wanted.min_coverage)
     return covering(
@@ -168,7 +176,9 @@ def latency(name: str, wanted: Latency, evidence: Evidence) -> Finding:
     )
 
 
-def percentile(values: Sequence[float], percent: float) -> float:
+def percentile(values: Sequence[int], percent: float) -> int:
     """The nearest-rank percentile, above 0: a value that was measured, never one between two."""
     ordered = sorted(values)
-    return ordered[math.ceil(percent / 100 * len(ordered)) - 1]
+    # As it is written: 99.9 / 100 * 1000 is above 999 in binary, and would be the next rank.
+    rank = math.ceil(Fraction(repr(percent)) * len(ordered) / 100)
+    return ordered[rank - 1]

@@ -180,8 +180,9 @@ class Evidence:
 
     `result` is the agent's RESULT map, `start` and `end` the case's window in ns of bag time,
     `lead_in_start` where the play began (None: with the window). With `paced` false bag time
-    runs ahead of the stack (playback.mode: max), and the time of a receipt says little. `inputs`
-    says when inputs were recorded, ascending, and is asked only in doubt (None: all the time).
+    runs ahead of the stack (playback.mode: max), and the time of a receipt says little. `rate` is
+    how many seconds of bag time were played in one of real time. `inputs` says when inputs were
+    recorded, ascending, and is asked only in doubt (None: all the time).
     """
 
     recorded: Recording
@@ -192,10 +193,19 @@ class Evidence:
     values: dict[str, Any] = field(default_factory=dict)
     lead_in_start: int | None = None
     paced: bool = True
+    rate: float = 1.0
     inputs: Callable[[], list[int]] | None = None
     _measured: dict[int, tuple[object, Any]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
+
+    def real_seconds(self, delay: int) -> float:
+        """How long a delay of so many ns of bag time took at the most.
+
+        Of a part that lies in the recording, as between a stamp and its receipt there, nothing
+        says how long it is: a play at another rate makes a stack no faster for it.
+        """
+        return delay / 1e9 / min(1.0, self.rate)
 
     def keep(self, wanted: object, measured: Any) -> None:
         """What was measured for a criterion: its course is drawn from it once more."""
