@@ -158,3 +158,23 @@ def test_a_file_of_a_folder_that_has_changed_since_is_named() -> None:
         of_folder(n, "v1", 0.050) | {"parts": of_folder(9, "v9", 0)["parts"]} for n in range(8)
     ]
     assert "file" not in compared(other, then).message
+
+
+def marked(mark: str, figure: float) -> list[dict[str, Any]]:
+    made = [row(n, "", figure=figure) for n in range(8)]
+    return [each | {"criteria": [each["criteria"][0] | {"measures": mark}]} for each in made]
+
+
+def test_what_is_measured_otherwise_under_one_name_is_named_and_not_compared() -> None:
+    then, now = marked("a", 0.050), marked("b", 0.080)
+    for before, after in ((then, now), (now, then)):
+        found = compared(after, before)
+        assert (found.verdict, objections(found.as_json())) == ("same", [])
+        assert found.message == (
+            "no case changed of 8 cases; not compared, as something else is measured now: latency"
+        )
+        [one] = [each for each in found.criteria if each.name == "latency"]
+        assert (one.pairs, one.recordings) == (0, 0)
+    # A release before had no mark.
+    for before in (marked("b", 0.050), marked("", 0.050)):
+        assert compared(now, before).verdict == "worse"

@@ -62,3 +62,12 @@ def test_what_is_no_job_at_all_is_refused(tmp_path: Path, spec: Any) -> None:
     if spec != {"variants": {}}:
         with pytest.raises(StorageError, match="is no job"):
             list(found.baseline_rows())
+
+
+def test_results_of_several_variants_without_the_job_are_no_baseline(tmp_path: Path) -> None:
+    """Their order is that of the cases' names, and says nothing of which variant was the first."""
+    uri, storage = results(tmp_path, SPEC), Storage({})
+    assert len(list(StoredResults(uri, storage).baseline_rows())) == 3
+    (tmp_path / "job.json").unlink()
+    with pytest.raises(StorageError, match=r"several variants \(pr-812, released\), and no job"):
+        list(StoredResults(uri, storage).baseline_rows())

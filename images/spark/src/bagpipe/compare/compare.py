@@ -1,7 +1,7 @@
 """Variants against a baseline, over the cases that both have: per case, per criterion, in all."""
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, get_args
 
@@ -17,6 +17,7 @@ from bagpipe.compare.pairing import (
     Versions,
     files_differ,
     losses_differ,
+    measures_differ,
     titles,
     windows_differ,
 )
@@ -131,6 +132,7 @@ def _compared(
     message += (
         f"; not compared, as the other way is better now: {', '.join(turned)}" if turned else ""
     )
+    message += _of_other_measures(series, pairs.values(), called_by)
     message += _of_pairs(both, doubtful)
     return Comparison(
         name, called, verdict, message, counts, {word: became[word] for word in _BECAME},
@@ -192,6 +194,15 @@ def _turned(before: _Measured, now: _Measured, called: Mapping[Series, str]) -> 
     """Figures that both have, of which the other way is better now: nothing compares them."""
     turned = (key for key in before.keys() & now if not before[key] & now[key])
     return sorted(called[series] for key in turned for series in before[key])
+
+
+def _of_other_measures(
+    series: Iterable[Series], pairs: Collection[tuple[Rounds, Rounds]], called: Mapping[Series, str]
+) -> str:
+    """What has its name alone from before, after a semicolon; else nothing."""
+    other = [one for one in series if any(measures_differ(one, *pair) for pair in pairs)]
+    names = ", ".join(sorted(called[each] for each in other))
+    return f"; not compared, as something else is measured now: {names}" if other else ""
 
 
 def _measured(version: Mapping[Key, Rounds]) -> _Measured:

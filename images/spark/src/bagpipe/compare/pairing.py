@@ -34,11 +34,11 @@ LOSSES, DISCARDS = (Series(name, unit, "", better) for name, (unit, better) in F
 class Rounds:
     """What one version did in one case, round by round.
 
-    `figures` has what each criterion measured, and `losses` the shares of messages that were lost,
-    by what they are without (left_out), also where nothing is left. `recording` says with which
-    other cases it may share its luck: those of the same recording are not independent of each
-    other. `windows` are the parts of it that were judged, in ns since 1970, and `files` the marks
-    of each of its files when it was planned.
+    `figures` has what each criterion measured, `marks` what that is where it is known, and
+    `losses` the shares of messages that were lost, by what they are without (left_out), also where
+    nothing is left. `recording` says with which other cases it may share its luck: those of the
+    same recording are not independent of each other. `windows` are the parts of it that were
+    judged, in ns since 1970, and `files` the marks of each of its files when it was planned.
     """
 
     recording: str
@@ -46,6 +46,7 @@ class Rounds:
     outcomes: list[str] = field(default_factory=list)
     reasons: list[str] = field(default_factory=list)
     figures: dict[Series, list[float]] = field(default_factory=lambda: defaultdict(list))
+    marks: dict[Series, set[str]] = field(default_factory=lambda: defaultdict(set))
     losses: dict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
     windows: set[tuple[int, int]] = field(default_factory=set)
     files: dict[str, set[str]] = field(default_factory=lambda: defaultdict(set))
@@ -65,7 +66,9 @@ class Rounds:
         for finding in row.get("criteria") or []:
             for each in figures_of(finding):
                 if each.get("figure") is not None and each.get("direction"):
-                    self.figures[_series(finding, each)].append(float(each["figure"]))
+                    series = _series(finding, each)
+                    self.figures[series].append(float(each["figure"]))
+                    self.marks[series].update(filter(None, [finding.get("measures")]))
         self.figures[ROUNDS].append(100.0 * (row["outcome"] == "passed"))
         delivered = delivery(row)
         self.figures[DISCARDS].append(delivered[DISCARDED])
@@ -84,7 +87,8 @@ class Rounds:
             figures=figures,
             losses=losses,
             windows=self.windows | other.windows,
-            files=_all_marks(self.files, other.files),
+            marks=_both(self.marks, other.marks),
+            files=_both(self.files, other.files),
         )
 
     @property
@@ -175,10 +179,18 @@ def figures_of_both(
     without as many nodes.
     """
     before, after = then.figures.get(series) or (), now.figures.get(series) or ()
+    if measures_differ(series, then, now):
+        return (), ()
     if series == LOSSES:
         both = {each: (then.losses[each], now.losses.get(each, [])) for each in then.losses}
         before, after = max(both.values(), key=lambda of: min(map(len, of)), default=((), ()))
     return (before, after) if before and after else ((), ())
+
+
+def measures_differ(series: Series, then: Rounds, now: Rounds) -> bool:
+    """Whether a criterion is known to have measured something else under the same name."""
+    before, after = then.marks.get(series), now.marks.get(series)
+    return bool(before and after and before != after)
 
 
 def windows_differ(then: Rounds, now: Rounds) -> bool:
@@ -204,13 +216,6 @@ def _parts(row: Row) -> list[Row]:
     return list(row.get("parts") or [])
 
 
-def _all_marks(one: Mapping[str, set[str]], other: Mapping[str, set[str]]) -> dict[str, set[str]]:
-    both = defaultdict(set, {file: set(marks) for file, marks in one.items()})
-    for file, marks in other.items():
-        both[file] |= marks
-    return both
-
-
 _K = TypeVar("_K")
 
 
@@ -218,6 +223,13 @@ def _merged(one: dict[_K, list[float]], other: dict[_K, list[float]]) -> dict[_K
     both = defaultdict(list, {key: list(figures) for key, figures in one.items()})
     for key, figures in other.items():
         both[key] += figures
+    return both
+
+
+def _both(one: Mapping[_K, set[str]], other: Mapping[_K, set[str]]) -> dict[_K, set[str]]:
+    both = defaultdict(set, {key: set(marks) for key, marks in one.items()})
+    for key, marks in other.items():
+        both[key] |= marks
     return both
 
 

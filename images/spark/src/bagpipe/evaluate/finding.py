@@ -27,7 +27,8 @@ class Finding:
     of two figures says nothing. `limit` is the bound as people write it. `coverage` is the part of
     the window, or of the truth's samples, that it was judged on, `covered` the same in words, and
     `clock` what its times were read from. `figures` has one for each bound of a criterion with
-    several figures, of which `figure` is the one that decided.
+    several figures, of which `figure` is the one that decided. `measures` is a mark of what was
+    measured, empty where that is not known.
     """
 
     name: str
@@ -47,6 +48,7 @@ class Finding:
     # Over time (courses.py); of a user's own evaluator what it answered, until then.
     course: dict[str, Any] | None = None
     figures: tuple[Figure, ...] = ()
+    measures: str = ""
 
     def as_row(self) -> dict[str, Any]:
         """As it stands in results.jsonl."""

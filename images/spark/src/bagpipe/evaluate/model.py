@@ -284,9 +284,10 @@ class Criterion(_Model):
         return next(kind for kind in KINDS if getattr(self, _attribute(kind)) is not None)
 
     @property
-    def measurement(self) -> object:
+    def measurement(self) -> BaseModel:
         """The kind's own model."""
-        return getattr(self, _attribute(self.kind))
+        found: BaseModel = getattr(self, _attribute(self.kind))
+        return found
 
     @model_validator(mode="after")
     def _one_kind(self) -> Self:

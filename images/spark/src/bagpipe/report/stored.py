@@ -81,9 +81,15 @@ class StoredResults:
         """
         expected = self._lines_of_all()
         first = self._first_variant()
-        lines = 0
+        lines, variants = 0, set()
         for row in self.rows():
             lines += 1
+            variants.add(str(row.get("variant") or ""))
+            if first is None and len(variants) > 1:
+                raise StorageError(
+                    f"{self.uri} has cases of several variants ({', '.join(sorted(variants))}), and"
+                    f" no {JOB} that says which one is the first: copy that, too"
+                )
             if first is None or row.get("variant") == first:
                 yield row
         if expected is not None and lines != expected:
