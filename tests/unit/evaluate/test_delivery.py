@@ -173,6 +173,9 @@ def test_a_topic_that_is_silent_fails_and_shows_no_known_fault(over: str) -> Non
     silent, known = evaluate(criteria, evidence([]))
     assert (silent.outcome, known.outcome) == ("failed", "invalid")
     assert known.message.startswith("expected to fail, but not like this")
+    # A gap as long as the window is no rate that is high enough, either.
+    barely = found("rate", [], {"min": 0.05, "over": over})
+    assert barely.outcome == ("failed" if over == "window" else "invalid")
     seen = evaluate(criteria, evidence(plain(*(10 + n for n in range(9)))))
     assert [each.outcome for each in seen] == ["failed", "passed"]
 

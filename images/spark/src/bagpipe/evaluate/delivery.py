@@ -100,10 +100,7 @@ def rate(name: str, wanted: Rate, evidence: Evidence) -> Finding:
         f"on {wanted.topic}{_repeated(counted, own)}{_more_after(found)}",
     )
     if wanted.over == "worst":
-        # Of a topic that is silent throughout no gap is seen that a known fault would make.
-        least = 0.0 if found.inside else wanted.min_coverage
-        share, covered = (1.0, "the whole window") if found.inside else (0.0, "no message")
-        return covering(finding, share, covered, "receipt", least, lasting=True)
+        return _covering_gaps(finding, found, wanted.min_coverage)
     usual = (evidence.end - evidence.start) / max(1, len(own))
     share: float | None = spread(times_of(found), evidence, wanted.min_coverage, usual)
     covered = f"{len(own)} messages without a longer silence in {share:.0%} of the window"
@@ -112,6 +109,13 @@ def rate(name: str, wanted: Rate, evidence: Evidence) -> Finding:
     return covering(
         finding, share, covered, found.clock, wanted.min_coverage, lasting=True, remedy=_REMEDY
     )
+
+
+def _covering_gaps(finding: Finding, found: TopicMessages, least: float) -> Finding:
+    """Of a topic that is silent throughout no gap is seen that a known fault would make."""
+    if not found.inside:
+        return covering(finding, 0.0, "no message", "receipt", least, lasting=True)
+    return covering(finding, 1.0, "the whole window", "receipt", 0.0)
 
 
 def _better_rate(wanted: Rate) -> str:
