@@ -36,7 +36,7 @@ from bagpipe.source_spec import Source
 from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage, StorageError
 from bagpipe.wire.session import SessionError
-from tests.rosbag2_folders import FORMS, MS, START, Form, Message, drive, folder, read_mcap
+from tests.rosbag2_folders import FORMS, MS, START, Form, Message, drive, folder, read_mcap, text
 
 STORAGE = Storage({})
 SECOND = 1000 * MS
@@ -147,6 +147,35 @@ def test_a_gap_between_files_is_no_fragment(tmp_path: Path) -> None:
     metadata = folder(tmp_path / "drive", Form("sqlite3"), [drive(20), late])
     numbers = [case.id for case in planned(metadata, source()).cases]
     assert numbers == ["drive-0000", "drive-0300"]
+
+
+@pytest.mark.parametrize("form", FORMS, ids=str)
+def test_a_window_without_a_message_of_the_topics_is_no_fragment(
+    form: Form, tmp_path: Path
+) -> None:
+    # One chunk, and one stretch of SQLite, in which /b was recorded at the begin and the end alone.
+    messages = [Message("/a", START + at * 50 * MS, text("a")) for at in range(200)]
+    ends = (START + MS, messages[-1].time - MS)
+    messages += [Message("/b", time, text("b")) for time in ends]
+    messages.sort(key=lambda each: each.time)
+    metadata = folder(tmp_path / "drive", form, [messages])
+    found = [case.id for case in planned(metadata, source(["/b"])).cases]
+    assert found == ["drive-0000", "drive-0004"]
+    found = [case.id for case in planned(metadata, source(["/a"])).cases]
+    assert found == [f"drive-000{number}" for number in range(5)]
+
+
+def test_where_the_times_of_a_file_are_too_many_to_keep_each_window_is_a_fragment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    messages = [Message("/b", START, text("b"))]
+    messages += [Message("/a", START + at * 50 * MS, text("a")) for at in range(200)]
+    messages += [Message("/b", messages[-1].time, text("b"))]
+    metadata = folder(tmp_path / "drive", Form("sqlite3"), [messages])
+    monkeypatch.setattr("bagpipe.plan.rosbag2_whole.MOST_TIMES", len(messages) - 1)
+    assert len(planned(metadata, source(["/b"])).cases) == 5
+    monkeypatch.setattr("bagpipe.plan.rosbag2_whole.MOST_TIMES", len(messages))
+    assert len(planned(metadata, source(["/b"])).cases) == 2
 
 
 @pytest.mark.parametrize("named", ["{}/", "{}/metadata.yaml", "{}", "{}*", "{}*/", "{}/*"])

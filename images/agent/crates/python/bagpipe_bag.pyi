@@ -308,10 +308,12 @@ def rosbag2_metadata(text: bytes) -> _Metadata:
     """The text of a folder's metadata.yaml; its files are below the folder."""
 
 def database_rows(
-    path: str | PathLike[str], text: bytes
-) -> tuple[list[_Publisher], list[tuple[int, int, dict[int, int]]]]:
+    path: str | PathLike[str], text: bytes, most_times: int
+) -> tuple[list[_Publisher], list[tuple[int, int, dict[int, int], bytes]]]:
     """A file of SQLite of rosbag2: its topics, and stretches of messages with their first and last
-    time in ns and how many of each topic; `text` is the folder's metadata.yaml."""
+    time in ns, how many of each topic, and where the file has at most `most_times` messages the
+    time of each as an integer of 8 bytes in the machine's own order, of one topic after the other;
+    `text` is the folder's metadata.yaml."""
 
 def uncompress_file(source: str | PathLike[str], target: str | PathLike[str], most: int) -> int:
     """Uncompresses zstd into a new file of at most `most` bytes; its length. OSError, too."""

@@ -21,8 +21,8 @@ use crate::tail::{PublisherFields, TailError};
 type MetadataFields = (u64, &'static str, Vec<String>, &'static str, u64, Vec<TopicFields>);
 /// (topic, type, encoding, messages)
 type TopicFields = (String, String, String, u64);
-/// (start time, end time, counts)
-type StretchFields<'py> = (u64, u64, Bound<'py, PyDict>);
+/// (start time, end time, counts, the time of each message)
+type StretchFields<'py> = (u64, u64, Bound<'py, PyDict>, Bound<'py, PyBytes>);
 
 fn refused(error: &Rosbag2Error) -> PyErr {
     TailError::new_err(("BagUnreadable", error.to_string()))
@@ -45,14 +45,16 @@ pub fn rosbag2_metadata(text: PyBackedBytes) -> PyResult<MetadataFields> {
     Ok((found.version, storage, found.files, compressed, found.messages, topics.collect()))
 }
 
-/// What a file of SQLite holds, and when it was recorded.
+/// What a file of SQLite holds, and when it was recorded; the time of each message where there are
+/// at most `most_times`, in the machine's own order of bytes.
 #[pyfunction]
 pub fn database_rows<'py>(
     py: Python<'py>,
     path: PathBuf,
     text: PyBackedBytes,
+    most_times: u64,
 ) -> PyResult<(Vec<PublisherFields>, Vec<StretchFields<'py>>)> {
-    let found = py.detach(|| rows(&Database::open(&path)?, &metadata(&text)?.topics));
+    let found = py.detach(|| rows(&Database::open(&path)?, &metadata(&text)?.topics, most_times));
     let found = found.map_err(|error| refused(&error))?;
     let publisher = |each: Connection| {
         let encoding = each.message_encoding.name().to_owned();
@@ -65,7 +67,8 @@ pub fn database_rows<'py>(
         for (connection, count) in each.counts {
             counts.set_item(connection, count)?;
         }
-        Ok((each.times.0, each.times.1, counts))
+        let times: Vec<u8> = each.each.iter().flat_map(|time| time.to_ne_bytes()).collect();
+        Ok((each.times.0, each.times.1, counts, PyBytes::new(py, &times)))
     };
     let stretches = found.stretches.into_iter().map(stretch).collect::<PyResult<_>>()?;
     Ok((found.connections.into_iter().map(publisher).collect(), stretches))

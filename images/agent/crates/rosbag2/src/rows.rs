@@ -20,6 +20,8 @@ pub struct Stretch {
     pub times: (u64, u64),
     /// Messages for each connection id, each id once.
     pub counts: Vec<(u32, u32)>,
+    /// The time of each of them, of one connection after the other; none in a file of too many.
+    pub each: Vec<u64>,
 }
 
 /// What a file holds.
@@ -31,30 +33,29 @@ pub struct Rows {
     pub stretches: Vec<Stretch>,
 }
 
-/// Reads the times and topics of all messages; `about` is what a folder's metadata says of its
-/// topics.
+/// Reads the times and topics of all messages, and keeps the time of each where there are at most
+/// `most_times`; `about` is what a folder's metadata says of its topics.
 ///
 /// # Errors
 /// [`Rosbag2Error::Sqlite`], [`Rosbag2Error::Database`].
-pub fn rows(database: &Database, about: &[TopicCount]) -> Result<Rows, Rosbag2Error> {
+pub fn rows(
+    database: &Database,
+    about: &[TopicCount],
+    most_times: u64,
+) -> Result<Rows, Rosbag2Error> {
     let topics = database.topics(about)?;
     // Planning takes no definition: one that can't be read is to be known before there are cases.
     database.definitions()?;
     let ids: BTreeMap<i64, u32> =
         topics.iter().zip(1..).map(|(topic, id)| (topic.id, id)).collect();
     let connections = topics.iter().zip(1..).map(|(topic, id)| connection(topic, id)).collect();
-    let mut stretches = Vec::new();
-    let mut open = Open::default();
+    let mut stretches = Stretches::new(most_times);
     each_row(database, |row, topic, time| {
-        let id = *ids.get(&topic).ok_or_else(|| unknown(topic, row))?;
-        if !open.takes(time) {
-            stretches.extend(open.close());
-        }
-        open.add(id, time);
+        stretches.add(*ids.get(&topic).ok_or_else(|| unknown(topic, row))?, time);
         Ok(())
     })?;
-    stretches.extend(open.close());
-    Ok(Rows { connections, stretches })
+    stretches.close();
+    Ok(Rows { connections, stretches: stretches.whole })
 }
 
 /// Shows the place in the table, the topic's id and the time of each message.
@@ -87,12 +88,50 @@ pub(crate) fn unknown(topic: i64, row: u64) -> Rosbag2Error {
     Rosbag2Error::database(table, format!("the id of a topic, found {topic}"))
 }
 
+/// The stretches of a file, as its rows come.
+struct Stretches {
+    whole: Vec<Stretch>,
+    open: Open,
+    /// How many times may still be kept; none behind more than that.
+    left: Option<u64>,
+}
+
 /// A stretch that is not whole yet.
 #[derive(Default)]
 struct Open {
     times: (u64, u64),
-    counts: BTreeMap<u32, u32>,
+    each: BTreeMap<u32, Vec<u64>>,
     messages: u64,
+}
+
+impl Stretches {
+    fn new(most_times: u64) -> Self {
+        Self { whole: Vec::new(), open: Open::default(), left: Some(most_times) }
+    }
+
+    fn add(&mut self, id: u32, time: u64) {
+        if !self.open.takes(time) {
+            self.close();
+        }
+        self.open.add(id, time);
+    }
+
+    fn close(&mut self) {
+        let Open { times, each, messages } = std::mem::take(&mut self.open);
+        if messages == 0 {
+            return;
+        }
+        if let Some(left) = self.left {
+            self.left = left.checked_sub(messages);
+            if self.left.is_none() {
+                self.whole.iter_mut().for_each(|stretch| stretch.each = Vec::new());
+            }
+        }
+        let counts = each.iter().map(|(id, times)| (*id, times.len() as u32)).collect();
+        let kept = self.left.is_some();
+        let each = each.into_values().filter(|_| kept).flatten().collect();
+        self.whole.push(Stretch { times, counts, each });
+    }
 }
 
 impl Open {
@@ -105,11 +144,6 @@ impl Open {
         let (first, last) = if self.messages == 0 { (time, time) } else { self.times };
         self.times = (first.min(time), last.max(time));
         self.messages += 1;
-        *self.counts.entry(id).or_default() += 1;
-    }
-
-    fn close(&mut self) -> Option<Stretch> {
-        let Self { times, counts, messages } = std::mem::take(self);
-        (messages > 0).then(|| Stretch { times, counts: counts.into_iter().collect() })
+        self.each.entry(id).or_default().push(time);
     }
 }

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use bagpipe_log::{Late, MessageEncoding, SchemaEncoding, Window};
 use bagpipe_mcap::Mcap;
 use bagpipe_rosbag2::{
-    Database, Folder, Reading, Selection, Storage, mcap_of_database, metadata, rows,
+    Database, Folder, Reading, Selection, Storage, Stretch, mcap_of_database, metadata, rows,
 };
 use made::{FORMS, Form, LATCHED, MESSAGES, folder, messages, read};
 
@@ -143,7 +143,7 @@ fn the_rows_of_a_database_say_when_what_was_recorded() {
         let file = rusqlite::Connection::open(&path).unwrap();
         file.execute("UPDATE messages SET timestamp = timestamp + 1000000000 WHERE id > 30", [])
             .unwrap();
-        let found = rows(&Database::open(&path).unwrap(), &[]).unwrap();
+        let found = rows(&Database::open(&path).unwrap(), &[], 60).unwrap();
         let named: Vec<_> =
             found.connections.iter().map(|each| (each.id, &*each.topic, each.latching)).collect();
         assert_eq!(named, [(1, "/a", false), (2, "/b", false), (3, "/map", true)]);
@@ -156,6 +156,12 @@ fn the_rows_of_a_database_say_when_what_was_recorded() {
         );
         let counts: Vec<_> = found.stretches.iter().map(|each| each.counts.clone()).collect();
         assert_eq!(counts, [[(1, 10), (2, 10), (3, 10)], [(1, 10), (2, 10), (3, 10)]]);
+        // /a has each third message, of which each second came before the first.
+        let of_a = (0..10).map(|at| start + ((3 * at) ^ 1) * 1_000_000).collect::<Vec<_>>();
+        assert_eq!((found.stretches[0].each.len(), &found.stretches[0].each[..10]), (30, &*of_a));
+        let fewer = rows(&Database::open(&path).unwrap(), &[], 59).unwrap();
+        let none = Stretch { each: Vec::new(), ..found.stretches[0].clone() };
+        assert_eq!((&fewer.stretches[0], fewer.stretches[1].each.len()), (&none, 0));
     }
 }
 

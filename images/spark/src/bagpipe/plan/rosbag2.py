@@ -12,15 +12,16 @@ import posixpath
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 from bagpipe.native import native
 from bagpipe.plan.bag_tail import BagError, BagTail, Chunk, Connection, message_times, read_tail
-from bagpipe.plan.fragments import FragmentPlan, Window, ranges_of
+from bagpipe.plan.fragments import FragmentPlan, Times, Window, ranges_of
 from bagpipe.plan.framing import framed
 from bagpipe.plan.in_force import Late
 from bagpipe.plan.part import Part
 from bagpipe.plan.rosbag2_metadata import METADATA, Metadata, is_folder, read_metadata
-from bagpipe.plan.rosbag2_whole import tail_of_whole, whole_file
+from bagpipe.plan.rosbag2_whole import read_whole, whole_file
 from bagpipe.plan.stated_times import stated_by
 from bagpipe.storage import OpenFile, Storage, StorageError
 from bagpipe.storage.globs import fixed_folder, is_of_one_folder, is_pattern, matcher
@@ -88,6 +89,7 @@ class _File:
     base: int
     tail: BagTail
     channels: dict[int, int]
+    times: Times
 
 
 class Rosbag2:
@@ -103,13 +105,13 @@ class Rosbag2:
         size = 0
         for uri in metadata.files:
             try:
-                file, tail = _tail_of(uri, metadata, storage)
+                file, tail, times = _opened(uri, metadata, storage)
             except BagError as error:
                 if error.reason == "BagEmpty" and len(metadata.files) > 1:
                     continue
                 raise BagError(error.reason, f"{posixpath.basename(uri)}: {error}") from error
             channels = self._channels(tail)
-            known = _File(file, size, tail, channels)
+            known = _File(file, size, tail, channels, times)
             self._files.append(known)
             for each in tail.connections:
                 number = channels[each.id]
@@ -134,10 +136,8 @@ class Rosbag2:
         Raises BagError where its file does not say them.
         """
         file, own = self._chunks[chunk.offset]
-        if not self.metadata.by_ranges:
-            raise BagError("BagUnreadable", "a file that is read whole has no index of a part")
         times: dict[int, list[int]] = {}
-        for number, found in message_times(file.file.read, own).items():
+        for number, found in file.times(own).items():
             times.setdefault(file.channels[number], []).extend(found)
         return times
 
@@ -197,18 +197,20 @@ class Rosbag2:
         return moved
 
 
-def _tail_of(uri: str, metadata: Metadata, storage: Storage) -> tuple[OpenFile, BagTail]:
+def _opened(uri: str, metadata: Metadata, storage: Storage) -> tuple[OpenFile, BagTail, Times]:
     file = storage.open(uri)
+    times: Times
     if metadata.by_ranges:
-        tail = read_tail(file.read, file.size)
+        tail, times = read_tail(file.read, file.size), partial(message_times, file.read)
     else:
         with whole_file(file, metadata, storage) as path:
-            tail = tail_of_whole(path, metadata, file.size)
+            whole = read_whole(path, metadata, file.size)
+        tail, times = whole.tail, whole.times_of
     encoded = [
         replace(each, encoding=metadata.encodings.get(each.topic) or each.encoding)
         for each in tail.connections
     ]
-    return file, replace(tail, connections=encoded)
+    return file, replace(tail, connections=encoded), times
 
 
 def joined(

@@ -2,46 +2,101 @@
 
 import contextlib
 import tempfile
+from array import array
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 
-from bagpipe.plan.bag_tail import BagError, BagTail, Chunk, Connection, message_times, read_tail
+from bagpipe.plan.bag_tail import (
+    BagError,
+    BagTail,
+    Chunk,
+    Connection,
+    Read,
+    message_times,
+    read_tail,
+)
 from bagpipe.plan.rosbag2_metadata import Metadata, parsed
 from bagpipe.storage import OpenFile, Storage, StorageError
 from bagpipe.topic_names import resolve
 
 # Of a file, as it is stored and again as it is uncompressed, on this disk.
 MOST_WHOLE_BYTES = 4 << 30
+# Messages of a file whose times are kept in memory, of 8 bytes each.
+MOST_TIMES = 16_000_000
 _PIECE_BYTES = 1 << 20
 
 
-def tail_of_whole(path: Path, metadata: Metadata, size: int) -> BagTail:
-    """The tail of a file that lies on this disk, whose chunks have places of no meaning."""
-    if metadata.storage == "mcap":
-        with path.open("rb") as stream:
+@dataclass(frozen=True)
+class Whole:
+    """What a file that was read whole holds. Its chunks have places of no meaning.
 
-            def read(offset: int, length: int) -> bytes:
-                stream.seek(offset)
-                return stream.read(length)
+    `times` has for each chunk the time of each message in ns, packed as integers of 8 bytes, for
+    one connection after the other as the chunk counts them; nothing where that is not known.
+    """
 
-            tail = read_tail(read, path.stat().st_size)
-            for chunk in () if tail.counted else tail.chunks:
-                message_times(read, chunk)  # which the parts of a fragment have no place for
-    else:
-        connections, stretches = parsed("database_rows", path, metadata.text)
-        tail = BagTail(
-            size,
-            [],
-            [Connection(number, resolve(topic), *rest) for number, topic, *rest in connections],
-            [Chunk(0, 0, start, end, counts) for start, end, counts in stretches],
-        )
-        if not stretches:
-            raise BagError("BagEmpty", "the file holds no messages")
+    tail: BagTail
+    times: list[bytes]
+
+    def times_of(self, chunk: Chunk) -> dict[int, list[int]]:
+        """Times in ns of a chunk's messages for each connection. Raises BagError."""
+        times = iter(memoryview(self.times[chunk.offset]).cast("Q"))
+        found = {each: list(islice(times, count)) for each, count in chunk.counts.items()}
+        if any(len(found[each]) != count for each, count in chunk.counts.items()):
+            raise BagError("BagUnreadable", "the times of a chunk's messages are not known")
+        return found
+
+
+def read_whole(path: Path, metadata: Metadata, size: int) -> Whole:
+    """Reads a file that lies on this disk. Raises BagError."""
+    tail, times = (_mcap if metadata.storage == "mcap" else _sqlite)(path, metadata, size)
     if len(tail.chunks) > size:
         raise BagError("BagUnreadable", f"{len(tail.chunks)} chunks in a file of {size} bytes")
     placed = [replace(each, offset=at, end=at + 1) for at, each in enumerate(tail.chunks)]
-    return replace(tail, chunks=placed, counted=True)
+    return Whole(replace(tail, chunks=placed, counted=True), times)
+
+
+def _mcap(path: Path, _metadata: Metadata, _size: int) -> tuple[BagTail, list[bytes]]:
+    with path.open("rb") as stream:
+
+        def read(offset: int, length: int) -> bytes:
+            stream.seek(offset)
+            return stream.read(length)
+
+        tail = read_tail(read, path.stat().st_size)
+        known = sum(sum(chunk.counts.values()) for chunk in tail.chunks) <= MOST_TIMES
+        if tail.counted and not known:
+            return tail, [b""] * len(tail.chunks)
+        times = [_times_of(chunk, read, tail.counted) for chunk in tail.chunks]
+        return tail, times if known else [b""] * len(times)
+
+
+def _times_of(chunk: Chunk, read: Read, counted: bool) -> bytes:
+    """A damaged index is no fault where the counts of messages don't depend on it."""
+    try:
+        found = message_times(read, chunk)
+    except BagError:
+        if not counted:
+            raise
+        return b""
+    packed = array("Q")
+    for connection in chunk.counts:
+        packed.extend(found.get(connection, ()))
+    return packed.tobytes()
+
+
+def _sqlite(path: Path, metadata: Metadata, size: int) -> tuple[BagTail, list[bytes]]:
+    connections, stretches = parsed("database_rows", path, metadata.text, MOST_TIMES)
+    if not stretches:
+        raise BagError("BagEmpty", "the file holds no messages")
+    tail = BagTail(
+        size,
+        [],
+        [Connection(number, resolve(topic), *rest) for number, topic, *rest in connections],
+        [Chunk(0, 0, start, end, counts) for start, end, counts, _ in stretches],
+    )
+    return tail, [times for *_, times in stretches]
 
 
 @contextlib.contextmanager
