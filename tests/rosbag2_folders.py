@@ -81,7 +81,7 @@ def drive(count: int = 60, step: int = 100 * MS) -> list[Message]:
     return messages
 
 
-def folder(at: Path, form: Form, files: Iterable[list[Message]]) -> Path:
+def folder(at: Path, form: Form, files: Iterable[list[Message]], *, chunk_bytes: int = 500) -> Path:
     """Writes the folder; each list of messages is one of its files. Returns its metadata.yaml."""
     at.mkdir(parents=True)
     parts = list(files)
@@ -92,7 +92,10 @@ def folder(at: Path, form: Form, files: Iterable[list[Message]]) -> Path:
     for number, messages in enumerate(parts):
         path = at / f"{at.name}_{number}.{'mcap' if form.storage == 'mcap' else 'db3'}"
         stored = [each._replace(data=packed(each.data)) for each in messages]
-        (_mcap if form.storage == "mcap" else _sqlite)(path, stored)
+        if form.storage == "mcap":
+            _mcap(path, stored, chunk_bytes)
+        else:
+            _sqlite(path, stored)
         if form.mode == "FILE":
             whole = path.with_name(f"{path.name}.zstd")
             whole.write_bytes(zstandard.ZstdCompressor().compress(path.read_bytes()))
@@ -138,9 +141,9 @@ def _metadata(form: Form, names: list[str], messages: list[Message]) -> object:
     }
 
 
-def _mcap(path: Path, messages: list[Message]) -> None:
+def _mcap(path: Path, messages: list[Message], chunk_bytes: int) -> None:
     with path.open("wb") as stream:
-        writer = Writer(stream, chunk_size=500, compression=CompressionType.ZSTD)
+        writer = Writer(stream, chunk_size=chunk_bytes, compression=CompressionType.ZSTD)
         writer.start(profile="ros2", library="tests")
         channels = {}
         for each in _topics(messages):

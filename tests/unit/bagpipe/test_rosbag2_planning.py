@@ -158,24 +158,30 @@ def test_a_window_without_a_message_of_the_topics_is_no_fragment(
     ends = (START + MS, messages[-1].time - MS)
     messages += [Message("/b", time, text("b")) for time in ends]
     messages.sort(key=lambda each: each.time)
-    metadata = folder(tmp_path / "drive", form, [messages])
+    metadata = folder(tmp_path / "drive", form, [messages], chunk_bytes=1 << 20)
     found = [case.id for case in planned(metadata, source(["/b"])).cases]
     assert found == ["drive-0000", "drive-0004"]
     found = [case.id for case in planned(metadata, source(["/a"])).cases]
     assert found == [f"drive-000{number}" for number in range(5)]
 
 
-def test_where_the_times_of_a_file_are_too_many_to_keep_each_window_is_a_fragment(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("form", [Form("sqlite3"), Form("mcap", "FILE")], ids=str)
+def test_where_the_times_of_a_folder_are_too_many_to_keep_each_window_is_a_fragment(
+    form: Form, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     messages = [Message("/b", START, text("b"))]
     messages += [Message("/a", START + at * 50 * MS, text("a")) for at in range(200)]
     messages += [Message("/b", messages[-1].time, text("b"))]
-    metadata = folder(tmp_path / "drive", Form("sqlite3"), [messages])
-    monkeypatch.setattr("bagpipe.plan.rosbag2_whole.MOST_TIMES", len(messages) - 1)
+    metadata = folder(tmp_path / "drive", form, [messages], chunk_bytes=1 << 20)
+    monkeypatch.setattr("bagpipe.plan.rosbag2.MOST_TIMES", len(messages) - 1)
     assert len(planned(metadata, source(["/b"])).cases) == 5
-    monkeypatch.setattr("bagpipe.plan.rosbag2_whole.MOST_TIMES", len(messages))
+    monkeypatch.setattr("bagpipe.plan.rosbag2.MOST_TIMES", len(messages))
     assert len(planned(metadata, source(["/b"])).cases) == 2
+    # They are those of a folder, however many files it has.
+    later = [m._replace(time=m.time + 60 * SECOND) for m in messages]
+    metadata = folder(tmp_path / "both", form, [messages, later], chunk_bytes=1 << 20)
+    found = [case.id for case in planned(metadata, source(["/b"])).cases]
+    assert found == ["both-0000", "both-0004", *[f"both-00{n}" for n in range(30, 35)]]
 
 
 @pytest.mark.parametrize("named", ["{}/", "{}/metadata.yaml", "{}", "{}*", "{}*/", "{}/*"])

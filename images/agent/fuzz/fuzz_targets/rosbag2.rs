@@ -7,7 +7,7 @@ use std::sync::OnceLock;
 
 use bagpipe_fuzz::{LIMIT, bag_bound, bounded, split_folder};
 use bagpipe_rosbag2::{
-    Compressed, Database, Folder, METADATA, Metadata, Reading, Selection, Storage,
+    Compressed, Database, Folder, METADATA, Metadata, Reading, Selection, Storage, Stretch,
     mcap_of_database, metadata, rows,
 };
 use libfuzzer_sys::fuzz_target;
@@ -55,11 +55,14 @@ fn read(place: &Path, how: Reading, about: &Metadata) {
 /// What planning says of a file of SQLite is what reading it finds.
 fn planned(file: &Path, about: &Metadata) {
     let Ok(database) = Database::open(file) else { return };
-    let Ok(found) = rows(&database, &about.topics) else { return };
+    let Ok(found) = rows(&database, &about.topics, 1 << 20) else { return };
     let counted: u64 = found
         .stretches
         .iter()
         .inspect(|each| assert!(each.times.0 <= each.times.1))
+        .inspect(|Stretch { each, times, .. }| {
+            assert!(each.iter().all(|time| (times.0..=times.1).contains(time)));
+        })
         .flat_map(|each| &each.counts)
         .map(|(_, count)| u64::from(*count))
         .sum();
@@ -68,6 +71,8 @@ fn planned(file: &Path, about: &Metadata) {
     let Ok(bytes) = mcap_of_database(&database, &selection, LIMIT) else { return };
     let made = bagpipe_mcap::Mcap::open(bytes).expect("what was written");
     assert_eq!((made.loss(), made.message_count()), (None, counted));
+    let each: usize = found.stretches.iter().map(|stretch| stretch.each.len()).sum();
+    assert_eq!(each as u64, if counted <= 1 << 20 { counted } else { 0 });
 }
 
 /// A folder of this process, in memory.

@@ -5,7 +5,6 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-use bagpipe_log::{Late, Window};
 use bagpipe_mcap::{Limits, Mcap, McapError, McapWriter, Stamp, WriterOptions};
 use rusqlite::types::ValueRef;
 
@@ -14,7 +13,7 @@ use crate::in_force::rows_in_force;
 use crate::rows::{time, unknown};
 use crate::sqlite::{Topic, integer};
 use crate::{
-    Compressed, Database, MOST_METADATA_BYTES, Metadata, Rosbag2Error, Storage, TopicCount,
+    Compressed, Database, MOST_METADATA_BYTES, Metadata, Rosbag2Error, Selection, Storage,
     compressed, metadata, uncompress, unpacked,
 };
 
@@ -119,29 +118,6 @@ fn inflated(path: &Path, memory: u64) -> Result<Vec<u8>, Rosbag2Error> {
     let mut bytes = Vec::new();
     uncompress(File::open(path)?, &mut bytes, memory)?;
     Ok(bytes)
-}
-
-/// Which messages of a file of SQLite are wanted.
-#[derive(Clone, Copy)]
-pub struct Selection<'a> {
-    /// Their times; of what is latched before it, what is in force at its start is wanted as well.
-    pub window: Window,
-    /// Their topics, as they were recorded.
-    pub topics: &'a dyn Fn(&str) -> bool,
-    /// What the folder's metadata says of its topics.
-    pub about: &'a [TopicCount],
-    /// Whether each of them is compressed.
-    pub compressed: bool,
-    /// What late subscribers get of a topic, where that is not as it was recorded.
-    pub late: &'a dyn Fn(&str) -> Late,
-}
-
-impl<'a> Selection<'a> {
-    /// Messages of these topics at any time, which are as they were published.
-    pub fn all(topics: &'a dyn Fn(&str) -> bool) -> Self {
-        let window = Window { start: 0, end: u64::MAX };
-        Self { window, topics, about: &[], compressed: false, late: &|_| Late::default() }
-    }
 }
 
 /// Messages of a file of SQLite as MCAP, in the order of the table, in at most `memory` bytes.

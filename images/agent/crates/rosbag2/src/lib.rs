@@ -16,14 +16,16 @@ mod folder;
 mod in_force;
 mod metadata;
 mod rows;
+mod selection;
 mod sqlite;
 mod unpacked;
 mod yaml;
 
 pub use compressed::uncompress;
 pub use error::Rosbag2Error;
-pub use folder::{Folder, METADATA, Reading, Selection, mcap_of_database};
+pub use folder::{Folder, METADATA, Reading, mcap_of_database};
 pub use metadata::{Compressed, MOST_METADATA_BYTES, Metadata, Storage, TopicCount, metadata};
 pub use rows::{Rows, Stretch, rows};
+pub use selection::Selection;
 pub use sqlite::{Database, SQLITE_MAGIC};
 pub use unpacked::unpacked;

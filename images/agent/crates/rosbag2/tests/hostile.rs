@@ -143,7 +143,7 @@ fn changed(statements: &str) -> Result<Vec<u8>, Rosbag2Error> {
 fn all_of(path: &Path) -> Result<Vec<u8>, Rosbag2Error> {
     let database = Database::open(path)?;
     let made = mcap_of_database(&database, &Selection::all(&|_| true), MEMORY);
-    assert_eq!(rows(&database, &[]).is_ok(), made.is_ok() || is_of_data(&made));
+    assert_eq!(rows(&database, &[], 1 << 20).is_ok(), made.is_ok() || is_of_data(&made));
     made
 }
 
@@ -199,7 +199,10 @@ fn tables_that_lead_in_a_circle_end_with_a_sentence() {
         let text = all_of(&path).unwrap_err().to_string();
         let refused = format!("{table}: expected at most ");
         assert!(text.starts_with(&refused), "{table}: {text}");
-        let text = Database::open(&path).and_then(|file| rows(&file, &[])).unwrap_err().to_string();
+        let text = Database::open(&path)
+            .and_then(|file| rows(&file, &[], 1 << 20))
+            .unwrap_err()
+            .to_string();
         assert!(text.starts_with(&refused), "{table}: {text}");
         std::fs::remove_file(&path).unwrap();
     }
@@ -225,9 +228,10 @@ fn rows_that_share_a_text_take_no_more_than_the_file_has() {
     file.execute_batch(&many("''")).unwrap();
     // What the folder's metadata says of the one name.
     let mut about = metadata(made::metadata(5, "sqlite3", &["a.db3"], "").as_bytes()).unwrap();
-    assert!(rows(&Database::open(&path).unwrap(), &about.topics).is_ok());
+    assert!(rows(&Database::open(&path).unwrap(), &about.topics, 1 << 20).is_ok());
     about.topics[0].offered_qos = "x".repeat(1 << 20);
-    let text = rows(&Database::open(&path).unwrap(), &about.topics).unwrap_err().to_string();
+    let text =
+        rows(&Database::open(&path).unwrap(), &about.topics, 1 << 20).unwrap_err().to_string();
     assert!(text.starts_with("topics: expected one row for each topic"), "{text}");
     // A column that came to the table later has one text for all rows that were there.
     let late = format!(
@@ -235,7 +239,7 @@ fn rows_that_share_a_text_take_no_more_than_the_file_has() {
         "x".repeat(100_000)
     );
     file.execute_batch(&late).unwrap();
-    let text = rows(&Database::open(&path).unwrap(), &[]).unwrap_err().to_string();
+    let text = rows(&Database::open(&path).unwrap(), &[], 1 << 20).unwrap_err().to_string();
     assert!(text.starts_with("topics: expected at most"), "{text}");
 }
 
@@ -341,7 +345,7 @@ fn a_thousand_damaged_databases_give_messages_or_a_sentence() {
         let bytes = random.damaged(&sound[round % 3]);
         std::fs::write(&path, &bytes).unwrap();
         let made = Database::open(&path).and_then(|database| {
-            rows(&database, &[]).ok();
+            rows(&database, &[], 1 << 20).ok();
             mcap_of_database(&database, &Selection::all(&|_| true), MEMORY)
         });
         match made {

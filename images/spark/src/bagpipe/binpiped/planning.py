@@ -129,7 +129,7 @@ def _of_file(storage: Storage, uri: str, length: int, topics: list[str]) -> Iter
 
 
 def _of_folder(storage: Storage, uri: str, length: int, topics: list[str]) -> Iterator[Descriptor]:
-    folder = Rosbag2(read_metadata(uri, storage), storage)
+    folder = Rosbag2(read_metadata(uri, storage), storage, most_times=0)
     check_left_out(folder.tail, topics, folder.times)
     for each in cut(folder.tail, topics, length, 0):
         window: Fields = {"start": each.window.start, "end": each.window.end}

@@ -21,7 +21,7 @@ from bagpipe.plan.framing import framed
 from bagpipe.plan.in_force import Late
 from bagpipe.plan.part import Part
 from bagpipe.plan.rosbag2_metadata import METADATA, Metadata, is_folder, read_metadata
-from bagpipe.plan.rosbag2_whole import read_whole, whole_file
+from bagpipe.plan.rosbag2_whole import MOST_TIMES, read_whole, whole_file
 from bagpipe.plan.stated_times import stated_by
 from bagpipe.storage import OpenFile, Storage, StorageError
 from bagpipe.storage.globs import fixed_folder, is_of_one_folder, is_pattern, matcher
@@ -93,10 +93,14 @@ class _File:
 
 
 class Rosbag2:
-    """A folder that was looked at. `tail` is that of the whole recording."""
+    """A folder that was looked at. `tail` is that of the whole recording.
 
-    def __init__(self, metadata: Metadata, storage: Storage) -> None:
+    Of files that are read whole the times of at most `most_times` messages are kept.
+    """
+
+    def __init__(self, metadata: Metadata, storage: Storage, most_times: int | None = None) -> None:
         self.metadata = metadata
+        left = MOST_TIMES if most_times is None else most_times
         self._files: list[_File] = []
         self._ids: dict[tuple[Connection, int], int] = {}
         self._chunks: dict[int, tuple[_File, Chunk]] = {}
@@ -105,11 +109,12 @@ class Rosbag2:
         size = 0
         for uri in metadata.files:
             try:
-                file, tail, times = _opened(uri, metadata, storage)
+                file, tail, times, kept = _opened(uri, metadata, storage, left)
             except BagError as error:
                 if error.reason == "BagEmpty" and len(metadata.files) > 1:
                     continue
                 raise BagError(error.reason, f"{posixpath.basename(uri)}: {error}") from error
+            left -= kept
             channels = self._channels(tail)
             known = _File(file, size, tail, channels, times)
             self._files.append(known)
@@ -197,20 +202,23 @@ class Rosbag2:
         return moved
 
 
-def _opened(uri: str, metadata: Metadata, storage: Storage) -> tuple[OpenFile, BagTail, Times]:
-    file = storage.open(uri)
+def _opened(
+    uri: str, metadata: Metadata, storage: Storage, most_times: int
+) -> tuple[OpenFile, BagTail, Times, int]:
+    """A file, and how many times of its messages are kept."""
+    file, kept = storage.open(uri), 0
     times: Times
     if metadata.by_ranges:
         tail, times = read_tail(file.read, file.size), partial(message_times, file.read)
     else:
         with whole_file(file, metadata, storage) as path:
-            whole = read_whole(path, metadata, file.size)
-        tail, times = whole.tail, whole.times_of
+            whole = read_whole(path, metadata, file.size, most_times)
+        tail, times, kept = whole.tail, whole.times_of, whole.kept
     encoded = [
         replace(each, encoding=metadata.encodings.get(each.topic) or each.encoding)
         for each in tail.connections
     ]
-    return file, replace(tail, connections=encoded), times
+    return file, replace(tail, connections=encoded), times, kept
 
 
 def joined(

@@ -23,7 +23,7 @@ from bagpipe.topic_names import resolve
 
 # Of a file, as it is stored and again as it is uncompressed, on this disk.
 MOST_WHOLE_BYTES = 4 << 30
-# Messages of a file whose times are kept in memory, of 8 bytes each.
+# Messages of a folder whose times are kept in memory, of 8 bytes each.
 MOST_TIMES = 16_000_000
 _PIECE_BYTES = 1 << 20
 
@@ -39,6 +39,11 @@ class Whole:
     tail: BagTail
     times: list[bytes]
 
+    @property
+    def kept(self) -> int:
+        """How many times are kept."""
+        return sum(map(len, self.times)) // array("Q").itemsize
+
     def times_of(self, chunk: Chunk) -> dict[int, list[int]]:
         """Times in ns of a chunk's messages for each connection. Raises BagError."""
         times = iter(memoryview(self.times[chunk.offset]).cast("Q"))
@@ -48,16 +53,21 @@ class Whole:
         return found
 
 
-def read_whole(path: Path, metadata: Metadata, size: int) -> Whole:
-    """Reads a file that lies on this disk. Raises BagError."""
-    tail, times = (_mcap if metadata.storage == "mcap" else _sqlite)(path, metadata, size)
+def read_whole(path: Path, metadata: Metadata, size: int, most_times: int) -> Whole:
+    """Reads a file that lies on this disk; of one with more messages than `most_times` no times are
+    kept. Raises BagError.
+    """
+    if metadata.storage == "mcap":
+        tail, times = _mcap(path, most_times)
+    else:
+        tail, times = _sqlite(path, metadata, size, most_times)
     if len(tail.chunks) > size:
         raise BagError("BagUnreadable", f"{len(tail.chunks)} chunks in a file of {size} bytes")
     placed = [replace(each, offset=at, end=at + 1) for at, each in enumerate(tail.chunks)]
     return Whole(replace(tail, chunks=placed, counted=True), times)
 
 
-def _mcap(path: Path, _metadata: Metadata, _size: int) -> tuple[BagTail, list[bytes]]:
+def _mcap(path: Path, most_times: int) -> tuple[BagTail, list[bytes]]:
     with path.open("rb") as stream:
 
         def read(offset: int, length: int) -> bytes:
@@ -65,7 +75,7 @@ def _mcap(path: Path, _metadata: Metadata, _size: int) -> tuple[BagTail, list[by
             return stream.read(length)
 
         tail = read_tail(read, path.stat().st_size)
-        known = sum(sum(chunk.counts.values()) for chunk in tail.chunks) <= MOST_TIMES
+        known = sum(sum(chunk.counts.values()) for chunk in tail.chunks) <= most_times
         if tail.counted and not known:
             return tail, [b""] * len(tail.chunks)
         times = [_times_of(chunk, read, tail.counted) for chunk in tail.chunks]
@@ -86,8 +96,10 @@ def _times_of(chunk: Chunk, read: Read, counted: bool) -> bytes:
     return packed.tobytes()
 
 
-def _sqlite(path: Path, metadata: Metadata, size: int) -> tuple[BagTail, list[bytes]]:
-    connections, stretches = parsed("database_rows", path, metadata.text, MOST_TIMES)
+def _sqlite(
+    path: Path, metadata: Metadata, size: int, most_times: int
+) -> tuple[BagTail, list[bytes]]:
+    connections, stretches = parsed("database_rows", path, metadata.text, most_times)
     if not stretches:
         raise BagError("BagEmpty", "the file holds no messages")
     tail = BagTail(
