@@ -175,6 +175,21 @@ def test_what_is_measured_otherwise_under_one_name_is_named_and_not_compared() -
         )
         [one] = [each for each in found.criteria if each.name == "latency"]
         assert (one.pairs, one.recordings) == (0, 0)
-    # A release before had no mark.
+    # Releases before had no mark, and latencies of slow plays in bag time.
+    slowed = compared(marked("slowed-0.1-a", 0.50), marked("", 0.050))
+    assert slowed.verdict == "same"
+    assert slowed.message.endswith("something else is measured now: latency")
     for before in (marked("b", 0.050), marked("", 0.050)):
         assert compared(now, before).verdict == "worse"
+
+
+def test_a_case_that_had_no_input_is_not_missed() -> None:
+    """Of a window in which nothing was recorded this release makes no case."""
+    both = marked("", 0.050)
+    silent = row(8, "", "invalid", reason="NothingPlayed", quarantine={"reason": "nothing in it"})
+    for before in (silent, {k: v for k, v in silent.items() if k != "quarantine"}):
+        found = compared(both, [*both, before])
+        assert (found.verdict, found.counts["missing"]) == ("same", 0)
+        assert objections(found.as_json()) == []
+    found = compared(both, [*both, row(8, "", "invalid", reason="NotEnoughEvidence")])
+    assert [each.cause for each in objections(found.as_json())] == ["Missing"]

@@ -8,14 +8,16 @@ from bagpipe.evaluate.judge import evaluate
 from bagpipe.evaluate.measured import mark_of
 from bagpipe.evaluate.model import Criterion
 from tests.unit.crds.test_criteria_refusals import GOOD
-from tests.unit.evaluate.recordings import evidence
+from tests.unit.evaluate.recordings import evidence, stamped
 
 Value = dict[str, Any]
 
 
-def mark(kind: str, changed: Value | None = None, rate: float = 1.0, name: str = "c") -> str:
+def mark(
+    kind: str, changed: Value | None = None, rate: float = 1.0, name: str = "c", unit: str = "m"
+) -> str:
     given = {"name": name, kind: GOOD[kind] | (changed or {})}
-    return mark_of(Criterion.model_validate(given), rate)
+    return mark_of(Criterion.model_validate(given), unit, rate)
 
 
 @pytest.mark.parametrize(
@@ -50,11 +52,31 @@ def test_what_is_demanded_of_a_figure_makes_it_no_other_one(kind: str, changed: 
         ("error", {"stampTolerance": "60ms"}),
         ("error", {"angle": False}),
         ("finalPose", {"position": [1, 2]}),
-        ("separation", {"radius": 2}),
     ],
 )
 def test_what_is_measured_otherwise_has_another_mark(kind: str, changed: Value) -> None:
     assert mark(kind, changed) != mark(kind)
+
+
+@pytest.mark.parametrize(
+    ("kind", "changed", "other", "same"),
+    [
+        ("finalPose", {"yaw": 1.0}, "rad", "m"),
+        ("finalPose", {"position": [1, 2]}, "m", "rad"),
+        ("separation", {"radius": 2}, "s", "m"),
+    ],
+)
+def test_a_figure_is_another_one_by_what_it_depends_on(
+    kind: str, changed: Value, other: str, same: str
+) -> None:
+    assert mark(kind, changed, unit=other) != mark(kind, unit=other)
+    assert mark(kind, changed, unit=same) == mark(kind, unit=same)
+
+
+def test_a_heading_that_is_asked_for_as_well_leaves_the_distance_what_it_was() -> None:
+    given = {k: v for k, v in GOOD["finalPose"].items() if k not in {"yaw", "maxYawError"}}
+    without = Criterion.model_validate({"name": "c", "finalPose": given})
+    assert mark_of(without, "m", 1.0) == mark("finalPose")
 
 
 def test_a_latency_of_a_slow_play_is_compared_with_one_as_slow() -> None:
@@ -71,5 +93,16 @@ def test_every_finding_has_its_criterion_s_mark() -> None:
     given = [{"name": kind, kind: GOOD[kind], "expectFailure": kind == "rate"} for kind in GOOD]
     criteria = [Criterion.model_validate(each) for each in given if "own" not in each]
     rows = [finding.as_row() for finding in evaluate(criteria, evidence([]))]
-    assert [row["measures"] for row in rows] == [mark_of(each, 1.0) for each in criteria]
-    assert len({row["measures"] for row in rows}) == 9
+    marks = [mark_of(each, "", 1.0) for each in criteria]
+    # Presence and rate judge silence; the others have no figure of it, nor a unit.
+    assert [row["measures"] for row in rows] == marks
+    assert len(set(marks)) == 9
+
+
+def test_each_of_several_figures_has_its_mark() -> None:
+    wanted = {"position": [3, 0], "maxDistance": 1, "yaw": 0, "maxYawError": 0.1}
+    criterion = Criterion.model_validate({"name": "c", "finalPose": {"topic": "/t"} | wanted})
+    [finding] = evaluate([criterion], evidence([("/t", 19.9, stamped(19.9, 3.0, 0.0))]))
+    marks = [mark_of(criterion, unit, 1.0) for unit in ("m", "rad")]
+    assert [each["measures"] for each in finding.as_row()["figures"]] == marks
+    assert finding.measures == marks[0] != marks[1]

@@ -15,6 +15,10 @@ _BADNESS = {"failed": 2, "invalid": 1, "passed": 0, "errored": -1}
 # Reasons by which the stack, or a part of it, ended or restarted where it should not have.
 CRASHES = frozenset({"StackCrashed", "StackExited", "NodeGone", "NodeRespawned"})
 LOSSES = frozenset({"MessagesLost"})
+# Of a case that had no input: it says nothing of any version.
+NOTHING_PLAYED = "NothingPlayed"
+# What the mark of a figure begins with that was measured in real time in a slow play.
+SLOWED = "slowed-"
 # What a job counts of its rows, beside how many were planned and are running.
 TALLIES = (*OUTCOMES, "crashed", "lost", "discarded", "quarantined")
 

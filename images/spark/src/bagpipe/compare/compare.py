@@ -97,7 +97,7 @@ def _compared(
     missing = {
         key: rounds
         for key, rounds in baseline.items()
-        if key not in variant and key not in quarantined
+        if key not in variant and key not in quarantined and rounds.had_input
     }
     gone = [rounds for rounds in missing.values() if rounds.worst == "passed"]
     regressed = _regressed(found, variant)

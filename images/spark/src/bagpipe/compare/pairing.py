@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, Self, TypeVar
 
 from bagpipe.compare.delivery import DISCARDED, FIGURES, LOSS, delivery, left_out
-from bagpipe.row_facts import Key, figures_of, key_of, quarantine_of
+from bagpipe.row_facts import NOTHING_PLAYED, SLOWED, Key, figures_of, key_of, quarantine_of
 
 Row = Mapping[str, Any]
 
@@ -68,7 +68,7 @@ class Rounds:
                 if each.get("figure") is not None and each.get("direction"):
                     series = _series(finding, each)
                     self.figures[series].append(float(each["figure"]))
-                    self.marks[series].update(filter(None, [finding.get("measures")]))
+                    self.marks[series].add(str(each.get("measures") or ""))
         self.figures[ROUNDS].append(100.0 * (row["outcome"] == "passed"))
         delivered = delivery(row)
         self.figures[DISCARDS].append(delivered[DISCARDED])
@@ -95,6 +95,11 @@ class Rounds:
     def passed(self) -> int:
         """How many of the rounds passed."""
         return self.outcomes.count("passed")
+
+    @property
+    def had_input(self) -> bool:
+        """Whether something was played in a round: of other cases nothing is missed."""
+        return set(self.reasons) != {NOTHING_PLAYED}
 
     @property
     def steady(self) -> bool:
@@ -188,9 +193,15 @@ def figures_of_both(
 
 
 def measures_differ(series: Series, then: Rounds, now: Rounds) -> bool:
-    """Whether a criterion is known to have measured something else under the same name."""
-    before, after = then.marks.get(series), now.marks.get(series)
-    return bool(before and after and before != after)
+    """Whether a criterion is known to have measured something else under the same name.
+
+    Releases before had no mark, and latencies of slow plays in bag time.
+    """
+    before, after = then.marks.get(series, set()), now.marks.get(series, set())
+    if any(mark.startswith(SLOWED) for mark in before | after):
+        return before != after
+    known = before - {""}, after - {""}
+    return all(known) and known[0] != known[1]
 
 
 def windows_differ(then: Rounds, now: Rounds) -> bool:

@@ -30,7 +30,8 @@ def passed_rows(earlier: EarlierResults, planned: Plan, storage: Storage) -> Ite
     if now != earlier.cases:
         raise CannotResumeError(
             f"job {earlier.job} planned {earlier.cases} cases and this one has {now}: its bags"
-            " have changed since. Leave out spec.resumeFrom to run all cases."
+            " have changed since, or another release planned it. Leave out spec.resumeFrom to run"
+            " all cases."
         )
     cases = {case.id: case for case in planned.cases}
     doubted = _doubted(earlier, storage)

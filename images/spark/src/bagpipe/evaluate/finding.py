@@ -17,6 +17,7 @@ class Figure:
     unit: str
     limit: str
     direction: str
+    measures: str = ""
 
 
 @dataclass(frozen=True)

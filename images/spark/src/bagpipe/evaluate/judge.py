@@ -2,7 +2,6 @@
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Any
 
 from bagpipe.evaluate.courses import with_courses
@@ -10,7 +9,7 @@ from bagpipe.evaluate.delivery import latency, presence, rate
 from bagpipe.evaluate.errors import error, final_pose
 from bagpipe.evaluate.evidence import Evidence
 from bagpipe.evaluate.finding import Finding, NoEvidenceError, as_expected
-from bagpipe.evaluate.measured import mark_of
+from bagpipe.evaluate.measured import marked
 from bagpipe.evaluate.model import Criterion
 from bagpipe.evaluate.motion import separation
 from bagpipe.evaluate.own import own
@@ -73,5 +72,5 @@ def _found(
         log.exception("criterion %s", criterion.name)
         text = f"{type(fault).__name__}: {fault}"
         finding = Finding(criterion.name, kind, "invalid", message=f"could not be judged: {text}")
-    finding = replace(finding, measures=mark_of(criterion, evidence.rate))
+    finding = marked(finding, criterion, evidence.rate)
     return as_expected(finding) if criterion.expect_failure else finding

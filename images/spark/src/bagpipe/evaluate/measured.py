@@ -2,8 +2,11 @@
 
 import hashlib
 import json
+from dataclasses import replace
 
+from bagpipe.evaluate.finding import Finding
 from bagpipe.evaluate.model import Criterion
+from bagpipe.row_facts import SLOWED
 from bagpipe.texts import duration_seconds
 
 # What is demanded of a figure, or of how much it is judged on, makes it no other figure.
@@ -14,9 +17,27 @@ _DEMANDED = frozenset({
 _DURATIONS = frozenset({"stamp_tolerance", "max_age"})
 
 
-def mark_of(criterion: Criterion, rate: float) -> str:
-    """Equal for criteria that measure the same in plays of that rate, whatever they demand.
+# Of several figures of a kind, what one of them does not depend on: the heading, the place, ...
+_ELSEWHERE = {
+    ("finalPose", "m"): {"yaw"},
+    ("finalPose", "rad"): {"position"},
+    ("separation", "m"): {"radius"},
+}
 
+
+def marked(finding: Finding, criterion: Criterion, rate: float) -> Finding:
+    """The finding with the marks of its figures, in a play of that rate."""
+    figures = (
+        replace(each, measures=mark_of(criterion, each.unit, rate)) for each in finding.figures
+    )
+    mark = mark_of(criterion, finding.unit, rate)
+    return replace(finding, measures=mark, figures=tuple(figures))
+
+
+def mark_of(criterion: Criterion, unit: str, rate: float) -> str:
+    """Equal for criteria whose figure of that unit is of the same, whatever they demand.
+
+    That of a latency in a slow play begins with SLOWED: no release before had it in real time.
     Empty for a user's own evaluator: what it measures is not known, and its ConfigMap may have
     another name in each version.
     """
@@ -24,12 +45,13 @@ def mark_of(criterion: Criterion, rate: float) -> str:
         return ""
     measurement = criterion.measurement
     # Without defaults, so that a field of a later release makes no figure another one.
-    given = measurement.model_dump(exclude={*_DEMANDED, *_DURATIONS}, exclude_defaults=True)
+    elsewhere = _ELSEWHERE.get((criterion.kind, unit), set())
+    left_out = {*_DEMANDED, *_DURATIONS, *elsewhere}
+    given = measurement.model_dump(exclude=left_out, exclude_defaults=True)
     for name in _DURATIONS & type(measurement).model_fields.keys():
         seconds = duration_seconds(getattr(measurement, name))
         if seconds != duration_seconds(type(measurement).model_fields[name].default):
             given[name] = seconds
-    if criterion.latency is not None and rate < 1:
-        given["rate"] = rate
+    slowed = f"{SLOWED}{rate:g}-" if criterion.latency is not None and rate < 1 else ""
     text = json.dumps([criterion.kind, given], sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()[:12]
+    return slowed + hashlib.sha256(text.encode()).hexdigest()[:12]
