@@ -24,7 +24,7 @@ struct rmw_node *node;
 
 static struct subscription subscriptions[MOST], clock_subscription;
 static struct publisher publishers[MOST];
-static struct rmw_guard *changed, *clock_ends;
+static struct rmw_guard *changed, *clock_ends, *handed_over;
 static struct rmw_wait_set *set, *clock_set;
 static pthread_mutex_t waiting = PTHREAD_MUTEX_INITIALIZER; /* one thread waits */
 static pthread_mutex_t choosing = PTHREAD_MUTEX_INITIALIZER; /* of `busy` */
@@ -65,7 +65,20 @@ const struct type_support *service_type(const char *package, const char *type) {
   return found_in(package, symbol);
 }
 
+/* Whether somebody of this process subscribes, and has it now: then nobody else is given it. */
+static bool hand_over(const char *topic, const uint8_t *bytes, size_t length) {
+  bool any = false;
+  for (int one = 0; one < asked.subscriptions && asked.within; one++) {
+    if (strcmp(subscriptions[one].topic, topic) != 0) continue;
+    put_within(&subscriptions[one], bytes, length);
+    any = true;
+  }
+  if (any) rmw_trigger_guard_condition(handed_over);
+  return any;
+}
+
 void publish(struct publisher *into, const uint8_t *bytes, size_t length) {
+  if (hand_over(into->topic, bytes, length)) return;
   struct message message = {(uint8_t *)bytes, length};
   if (rmw_publish(into->rmw, &message, NULL) == RMW_OK) into->published++;
 }
@@ -78,6 +91,10 @@ static void subscribe(struct subscription *made, const char *topic, const struct
   int turn = made->turn;
   (void)turn;
   TRACE(ros_trace_rcl_subscription_init(&made->rcl[turn], node, made->rmw, topic, qos->depth));
+  if (asked.within) {
+    TRACE(ros_trace_rclcpp_subscription_callback_added(&made->intra[turn], &made->intra_callback[turn]));
+    TRACE(ros_trace_rclcpp_subscription_init(&made->rcl[turn], &made->intra[turn]));
+  }
   TRACE(ros_trace_rclcpp_subscription_init(&made->rcl[turn], &made->cpp[turn]));
   TRACE(ros_trace_rclcpp_subscription_callback_added(&made->cpp[turn], &made->callback[turn]));
 }
@@ -150,8 +167,24 @@ static void doze(const struct subscription *of) {
   while (dozes && !ending && !standin_has_news(of->rmw)) sleep_us(200);
 }
 
+/* Calls back with what was handed over within the process, if there is something. */
+static bool execute_within(struct subscription *of) {
+  struct message handed, taken = of->message;
+  if (!take_within(of, &handed)) return false;
+  const void *callback = &of->intra_callback[of->turn];
+  (void)callback;
+  TRACE(ros_trace_callback_start(callback, true));
+  of->message = handed;
+  work(of);
+  of->message = taken;
+  TRACE(ros_trace_callback_end(callback));
+  free(handed.data);
+  return true;
+}
+
 /* Takes a message, if there is one, and calls back. */
 static void execute(struct subscription *of) {
+  if (execute_within(of)) return;
   bool taken = false;
   struct rmw_info info;
   if (rmw_take_with_info(of->rmw, &of->message, &taken, &info, NULL) != RMW_OK) fail(of->topic);
@@ -173,13 +206,14 @@ static void execute(struct subscription *of) {
 
 /* Waits for one of the subscriptions that nobody has, and reserves it; NULL if there was none. */
 static struct subscription *next_ready(void) {
-  void *wanted[MOST], *guard[1] = {changed->data};
+  void *wanted[MOST], *guard[2] = {changed->data, handed_over->data};
   struct subscription *of[MOST], *chosen = NULL;
-  struct rmw_things things = {0, wanted}, guards = {1, guard};
+  struct rmw_things things = {0, wanted}, guards = {asked.within ? 2 : 1, guard};
   struct rmw_time limit = {1, 0};
   pthread_mutex_lock(&choosing);
   for (int one = 0; one < asked.subscriptions; one++) {
     if (subscriptions[one].busy || subscriptions[one].gone) continue;
+    if (waits_within(&subscriptions[one])) rmw_trigger_guard_condition(handed_over);
     of[things.count] = &subscriptions[one];
     wanted[things.count++] = subscriptions[one].rmw->data;
   }
@@ -189,7 +223,7 @@ static struct subscription *next_ready(void) {
   pthread_mutex_lock(&choosing);
   for (size_t one = 0; one < things.count && chosen == NULL; one++) {
     size_t at = (one + turn) % things.count;
-    if (wanted[at] != NULL) chosen = of[at];
+    if (wanted[at] != NULL || waits_within(of[at])) chosen = of[at];
   }
   turn++;
   if (chosen != NULL) chosen->busy = true;
@@ -205,11 +239,19 @@ static void *spin(void *unused) {
     pthread_mutex_unlock(&waiting);
     if (ready == NULL) continue;
     execute(ready);
+    if (asked.returns_us > 0) run_us(asked.returns_us);
     pthread_mutex_lock(&choosing);
     ready->busy = false;
     pthread_mutex_unlock(&choosing);
     if (asked.threads > 1) rmw_trigger_guard_condition(changed);
   }
+  return NULL;
+}
+
+/* As that of a driver which asks its device all the time. */
+static void *wake(void *unused) {
+  (void)unused;
+  while (!ending) continue;
   return NULL;
 }
 
@@ -286,7 +328,7 @@ static void wait_for_signal(const sigset_t *wanted) {
 int serve(int argc, char **argv);
 
 int serve(int argc, char **argv) {
-  pthread_t threads[MOST], clock_thread, talking;
+  pthread_t threads[MOST], clock_thread, talking, wakeful;
   sigset_t wanted;
   read_arguments(argc, argv);
   sigemptyset(&wanted);
@@ -300,6 +342,7 @@ int serve(int argc, char **argv) {
   if (node == NULL) fail("no node");
   changed = rmw_create_guard_condition(&context);
   clock_ends = rmw_create_guard_condition(&context);
+  handed_over = rmw_create_guard_condition(&context);
   set = rmw_create_wait_set(&context, MOST);
   clock_set = rmw_create_wait_set(&context, 2);
   create_endpoints();
@@ -309,11 +352,13 @@ int serve(int argc, char **argv) {
   sleep_us(asked.spins_late_us);
   for (int one = 0; one < asked.threads; one++) pthread_create(&threads[one], NULL, spin, NULL);
   if (asked.sim_time) pthread_create(&clock_thread, NULL, follow_clock, NULL);
+  if (asked.wakeful) pthread_create(&wakeful, NULL, wake, NULL);
   pthread_create(&talking, NULL, talk, NULL);
   wait_for_signal(&wanted);
   pthread_join(talking, NULL);
   for (int one = 0; one < asked.threads; one++) pthread_join(threads[one], NULL);
   if (asked.sim_time) pthread_join(clock_thread, NULL);
+  if (asked.wakeful) pthread_join(wakeful, NULL);
   write_counts();
   life_ends();
   for (int one = 0; one < asked.subscriptions; one++)

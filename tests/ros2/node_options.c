@@ -38,6 +38,9 @@ static const char usage[] =
     "--ends-after N         leaves in order, with status 0, in the callback of the Nth message of a topic\n"
     "--fails-with STATUS    ends with it as soon as it is in the graph\n"
     "--threads N            threads that take and call\n"
+    "--within               what it publishes on a topic that it subscribes to is handed over within it\n"
+    "--returns-us N         how long a thread computes after each callback before it waits again\n"
+    "--wakeful              has a thread besides that never sleeps\n"
     "--meets-late-ms N      what it publishes so soon after it created a publisher reaches nobody, as\n"
     "                       its middleware knows no subscription until then\n"
     "--lists-late-ms N      how long a subscription is in the graph before the node, and so its ledger,\n"
@@ -168,6 +171,7 @@ static void value(const char *option, const char *text) {
   else if (!strcmp(option, "--every-us")) asked.every_us = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--timer"))
     asked.timer = !strcmp(text, "wall") ? CLOCK_STEADY_TIME : CLOCK_ROS_TIME;
+  else if (!strcmp(option, "--returns-us")) asked.returns_us = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--threads")) asked.threads = atoi(text);
   else if (!strcmp(option, "--meets-late-ms")) setenv(MEETS_LATE, text, 1);
   else if (!strcmp(option, "--lists-late-ms")) setenv(LISTS_LATE, text, 1);
@@ -190,6 +194,10 @@ void read_arguments(int argc, char **argv) {
       asked.sim_time = true;
     } else if (!strcmp(argv[at], "--overlaps")) {
       asked.overlaps = true;
+    } else if (!strcmp(argv[at], "--within")) {
+      asked.within = true;
+    } else if (!strcmp(argv[at], "--wakeful")) {
+      asked.wakeful = true;
     } else if (at + 1 == argc) {
       refuse("no value", argv[at]);
     } else {

@@ -103,6 +103,14 @@ void sleep_us(uint64_t us) {
   if (us > 0) clock_nanosleep(CLOCK_MONOTONIC, 0, &delay, NULL);
 }
 
+void run_us(uint64_t us) {
+  struct timespec begun, time;
+  clock_gettime(CLOCK_MONOTONIC, &begun);
+  do clock_gettime(CLOCK_MONOTONIC, &time);
+  while ((uint64_t)(time.tv_sec - begun.tv_sec) * 1000000 + (uint64_t)time.tv_nsec / 1000 <
+         us + (uint64_t)begun.tv_nsec / 1000);
+}
+
 void work(struct subscription *of) {
   uint64_t count = of->called + 1;
   sleep_us(asked.delay_us + (count == 1 ? asked.first_us : 0));
