@@ -71,13 +71,13 @@ impl Stuck {
         self.now.extend(those.iter().cloned());
     }
 
-    /// Takes in who has something `left`: who has nothing has come to its end after all, and is waited for
-    /// again, some times.
-    fn look(&mut self, left: &BTreeSet<Whose>) {
+    /// Takes in who is `busy`: who is not has come to its end after all, also if it may lack something, and is
+    /// waited for again, some times.
+    fn look(&mut self, busy: &BTreeSet<Whose>) {
         let Stuck { now, ever } = self;
         now.retain(|one| {
             let is_again = ever.get(one).is_some_and(|times| *times >= AGAIN);
-            one.0.is_empty() || is_again || left.contains(one)
+            one.0.is_empty() || is_again || busy.contains(one)
         });
     }
 }
@@ -131,6 +131,8 @@ impl Doubt {
 struct Rest {
     /// All of it.
     left: BTreeSet<Whose>,
+    /// Of that, whose work it is: the rest is in doubt.
+    busy: BTreeSet<Whose>,
     /// Of that, what was taken already.
     called: BTreeSet<Whose>,
     /// And what may have ended unseen: all was taken, by a node that shows no end, in a process of
@@ -141,7 +143,7 @@ struct Rest {
 }
 
 impl Rest {
-    fn of_busy(ledger: &Ledger, busy: &[Busy]) -> Result<Rest, LedgerError> {
+    fn of(ledger: &Ledger, busy: &[Busy], doubts: &[Doubted]) -> Result<Rest, LedgerError> {
         let taken = |one: &&Busy| one.in_hand > 0 || one.untaken == 0;
         let silent = |one: &&Busy| one.strength != Strength::Called && one.untaken == 0;
         let several: BTreeSet<ProcessId> = match busy.iter().any(|one| silent(&one)) {
@@ -154,22 +156,15 @@ impl Rest {
             false => BTreeSet::new(),
         };
         let hidden = busy.iter().filter(silent).filter(|one| several.contains(&one.process));
-        Ok(Rest {
-            left: busy.iter().map(of_busy).collect(),
-            called: busy.iter().filter(taken).map(of_busy).collect(),
-            hidden: hidden.map(of_busy).collect(),
-            late: BTreeSet::new(),
-        })
-    }
-
-    fn of_doubts(doubts: Vec<Doubted>) -> Rest {
         let whose = |one: &Doubted| (one.node.clone(), one.topic.clone());
         let late = doubts.iter().filter(|one| one.why == Why::Late);
-        Rest {
-            left: doubts.iter().map(whose).collect(),
+        Ok(Rest {
+            left: busy.iter().map(of_busy).chain(doubts.iter().map(whose)).collect(),
+            busy: busy.iter().map(of_busy).collect(),
+            called: busy.iter().filter(taken).map(of_busy).collect(),
+            hidden: hidden.map(of_busy).collect(),
             late: late.map(whose).collect(),
-            ..Rest::default()
-        }
+        })
     }
 
     /// How long nobody may do anything before no more is waited for; `None` while callbacks run.
@@ -232,10 +227,10 @@ impl Stillness {
                     rest = Rest::default();
                     return Ok(true);
                 }
-                Quiet::Working(busy) => Rest::of_busy(ledger, &busy)?,
-                Quiet::Unknown(doubts) => Rest::of_doubts(doubts),
+                Quiet::Working(busy, doubts) => Rest::of(ledger, &busy, &doubts)?,
+                Quiet::Unknown(doubts) => Rest::of(ledger, &[], &doubts)?,
             };
-            stuck.look(&rest.left);
+            stuck.look(&rest.busy);
             let Some(limit) = rest.limit(lacks, &stuck.now) else {
                 doubt = Doubt::default();
                 return Ok(false);
@@ -331,6 +326,23 @@ mod tests {
     }
 
     #[test]
+    fn a_callback_that_never_ends_is_not_waited_for_and_what_is_in_doubt_beside_it_is() {
+        let (hangs, both) = (whose("/hangs"), [whose("/hangs"), whose("/node")]);
+        let stuck = BTreeSet::from([hangs]);
+        let rest = Rest {
+            left: both.into(),
+            busy: stuck.clone(),
+            called: stuck.clone(),
+            ..Rest::default()
+        };
+        let mut lacks = BTreeMap::new();
+        assert_eq!(rest.limit(&lacks, &BTreeSet::new()), None);
+        assert_eq!(rest.limit(&lacks, &stuck), Some(DOUBTFUL));
+        rest.give_up(&mut lacks, true);
+        assert_eq!(lacks.keys().collect::<Vec<_>>(), [&whose("/node")]);
+    }
+
+    #[test]
     fn between_a_time_and_its_message_nothing_has_come_that_lacked_before() {
         let lacking = Rest { left: BTreeSet::from([whose("/node")]), ..Rest::default() };
         let mut lacks = BTreeMap::new();
@@ -357,6 +369,11 @@ mod tests {
             stuck.look(&BTreeSet::new());
         }
         assert_eq!(stuck.now, all);
+        // It is at its end, and lacks something.
+        let mut stuck = Stuck::default();
+        stuck.add(&all);
+        stuck.look(&Rest { left: all, ..Rest::default() }.busy);
+        assert!(stuck.now.is_empty());
         // How many timers run is in the name: one less is no end of one.
         let timers = BTreeSet::from([(String::new(), "process 7, of 2 timers".to_owned())]);
         let mut stuck = Stuck::default();
@@ -370,6 +387,7 @@ mod tests {
         let all = BTreeSet::from([whose("/node")]);
         let rest = |called: bool, hidden: bool| Rest {
             left: all.clone(),
+            busy: all.clone(),
             called: if called { all.clone() } else { BTreeSet::new() },
             hidden: if hidden { all.clone() } else { BTreeSet::new() },
             late: BTreeSet::new(),

@@ -29,8 +29,8 @@ pub enum Quiet {
     /// All that was published since the mark was taken by each counted subscription, no callback
     /// runs, and that was so at one moment. The next question begins at this mark.
     Still(Mark),
-    /// These have work. There may be doubts as well.
-    Working(Vec<Busy>),
+    /// These have work. What is in doubt beside it is so by itself: work that never ends must not hide it.
+    Working(Vec<Busy>, Vec<Doubt>),
     /// Nobody has work that can be seen, and yet it is not proved that there is none.
     Unknown(Vec<Doubt>),
 }
@@ -185,20 +185,24 @@ fn settle(
         let mut known = HashMap::new();
         let mut alive = |of| *known.entry(of).or_insert_with(|| runs(of));
         let (busy, doubts) = decide(since, &look, sent, &mut alive);
-        if !busy.is_empty() {
-            return Ok(Quiet::Working(busy));
+        // One read is enough for who has work, and not for a doubt.
+        if !busy.is_empty() && doubts.is_empty() {
+            return Ok(Quiet::Working(busy, doubts));
         }
         let again = read()?;
         if look == again {
-            return Ok(match doubts.is_empty() {
-                true => Quiet::Still(Mark { endpoints: again.endpoints }),
-                false => Quiet::Unknown(doubts),
+            return Ok(match (busy.is_empty(), doubts.is_empty()) {
+                (false, _) => Quiet::Working(busy, doubts),
+                (true, false) => Quiet::Unknown(doubts),
+                (true, true) => Quiet::Still(Mark { endpoints: again.endpoints }),
             });
         }
-        counting = differing(&look, &again);
+        // Who has work has it still.
+        counting = busy;
+        counting.extend(differing(&look, &again));
         look = again;
     }
-    Ok(Quiet::Working(counting))
+    Ok(Quiet::Working(counting, Vec::new()))
 }
 
 /// Who counted between two reads.

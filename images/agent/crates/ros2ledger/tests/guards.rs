@@ -51,7 +51,9 @@ fn what_wakes_a_thread_is_work_until_it_waits_again() {
     await_others(&ledger, 2, 1);
     node.obey(&["woken / 3"]);
     await_others(&ledger, 2, 1);
-    assert!(matches!(ledger.quiet(&mark, &[]).unwrap(), Quiet::Working(busy) if busy.len() == 1));
+    assert!(
+        matches!(ledger.quiet(&mark, &[]).unwrap(), Quiet::Working(busy, _) if busy.len() == 1)
+    );
     node.obey(&["guard / 1"]);
     await_others(&ledger, 2, 2);
     assert!(matches!(ledger.quiet(&mark, &[]).unwrap(), Quiet::Still(_)));

@@ -10,7 +10,8 @@ use standin::{Client, Node};
 fn work(ledger: &Ledger, since: &Mark, sent: &[(&str, u64)]) -> Vec<(String, u64, u64)> {
     match ledger.quiet(since, sent).unwrap() {
         Quiet::Still(_) => vec![],
-        Quiet::Working(busy) => {
+        Quiet::Working(busy, doubts) => {
+            assert_eq!(doubts, []);
             let of = busy.into_iter();
             of.map(|one| (one.topic.unwrap_or_default(), one.in_hand, one.untaken)).collect()
         }

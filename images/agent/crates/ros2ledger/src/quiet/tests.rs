@@ -319,7 +319,7 @@ fn nothing_is_still_that_was_not_so_in_two_reads() {
     assert_eq!(reads, 2);
     // The first read had the publisher before its message and the subscription after the one before.
     let (answer, reads) = settled(&[[1, 1, 1], [2, 1, 1]]);
-    assert!(matches!(answer, Quiet::Working(busy) if busy[0].untaken == 1));
+    assert!(matches!(answer, Quiet::Working(busy, _) if busy[0].untaken == 1));
     assert_eq!(reads, 2);
     // The other way round: more is taken than published, until that is read too.
     let (answer, reads) = settled(&[[1, 2, 2], [2, 2, 2]]);
@@ -330,8 +330,48 @@ fn nothing_is_still_that_was_not_so_in_two_reads() {
     // Who counts at each read is working, however often it is read.
     let looks: Vec<_> = (1..99).map(|count| [count, count, count]).collect();
     let (answer, reads) = settled(&looks);
-    assert!(matches!(answer, Quiet::Working(busy) if busy.len() == 2 && busy[0].untaken == 0));
+    assert!(matches!(answer, Quiet::Working(busy, _) if busy.len() == 2 && busy[0].untaken == 0));
     assert_eq!(reads, 1 + READS);
+}
+
+/// One whose callback runs on, beside one that may lose what it has not taken.
+fn beside_work(looks: &[[u64; 2]]) -> (Quiet, usize) {
+    let mut read = 0;
+    let of = |published: u64, taken: u64| {
+        let counts = Counts { taken, started: taken, ended: taken, ..Counts::default() };
+        let weak = with(endpoint(2, Kind::Subscription, "/a", counts), |one| {
+            one.qos.reliability = Reliability::BestEffort;
+        });
+        let runs = Counts { taken: 1, started: 1, ..Counts::default() };
+        vec![publisher(published), endpoint(1, Kind::Subscription, "/b", runs), weak]
+    };
+    let before = Mark { endpoints: of(0, 0) };
+    let look = || {
+        let [published, taken] = looks[read.min(looks.len() - 1)];
+        read += 1;
+        Ok(Look { endpoints: of(published, taken), ..Look::default() })
+    };
+    let answer = settle(&before, &[], look, |_| true).unwrap();
+    (answer, read)
+}
+
+#[test]
+fn what_runs_hides_no_doubt_and_a_doubt_is_the_same_in_two_reads() {
+    let Quiet::Working(busy, doubts) = beside_work(&[[1, 0]]).0 else { panic!() };
+    assert_eq!((busy.len(), busy[0].in_hand), (1, 1));
+    let found: Vec<_> = doubts.iter().map(|one| (one.missing, one.why)).collect();
+    assert_eq!(found, [(1, Why::BestEffort)]);
+    // The first read had the publisher before its message and the subscription with it.
+    let (Quiet::Working(_, doubts), reads) = beside_work(&[[1, 2], [2, 2]]) else { panic!() };
+    assert_eq!((doubts, reads), (vec![], 2));
+    // Who counts at each read makes nobody else's work end.
+    let looks: Vec<_> = (1..99).map(|count| [count + 1, count]).collect();
+    let (Quiet::Working(busy, doubts), reads) = beside_work(&looks) else { panic!() };
+    assert!(busy.iter().any(|one| one.topic.as_deref() == Some("/b") && one.in_hand == 1));
+    assert_eq!((busy.len(), doubts, reads), (3, vec![], 1 + READS));
+    // Without a doubt nobody reads again.
+    let (Quiet::Working(_, doubts), reads) = beside_work(&[[1, 1]]) else { panic!() };
+    assert_eq!((doubts, reads), (vec![], 1));
 }
 
 type Change = fn(&mut Endpoint);
