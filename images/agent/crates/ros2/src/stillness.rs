@@ -9,7 +9,9 @@ use bagpipe_ros2ledger::{
     Busy, Event, Ledger, LedgerError, Mark, ProcessId, Quiet, Strength, Waited, Why,
 };
 
-use crate::clock::CLOCK;
+mod doubt;
+
+use doubt::{Doubt, InVain};
 
 /// How long something is waited for that may never come, while everybody sleeps: a message that a
 /// queue has overwritten, or that a subscription does not match. A node that gets no processor for a
@@ -92,11 +94,11 @@ struct Lacks {
 }
 
 impl Lacks {
-    /// How long something more is waited for.
-    fn patience(self) -> Duration {
+    /// How long something more is waited for, of what is waited for at first.
+    fn patience(self, first: Duration) -> Duration {
         match self.in_a_row >= IN_A_ROW {
             true => Duration::ZERO,
-            false => DOUBTFUL / (1 << self.times.saturating_sub(1).min(HALVED)),
+            false => first / (1 << self.times.saturating_sub(1).min(HALVED)),
         }
     }
 
@@ -105,24 +107,6 @@ impl Lacks {
         self.times += 1;
         self.in_a_row += 1;
         self.certain |= !late || self.in_a_row > 1;
-    }
-}
-
-/// For how long nobody was seen to do anything, and yet not all had come.
-#[derive(Default)]
-struct Doubt {
-    looked: Option<Instant>,
-    asleep: Duration,
-}
-
-impl Doubt {
-    /// Takes in a look at a moment, and whether all slept then.
-    fn look(&mut self, now: Instant, asleep: bool) -> Duration {
-        let passed = self.looked.replace(now).map_or(Duration::ZERO, |before| now - before);
-        if asleep {
-            self.asleep += counted(passed);
-        }
-        self.asleep
     }
 }
 
@@ -167,25 +151,37 @@ impl Rest {
         })
     }
 
-    /// How long nobody may do anything before no more is waited for; `None` while callbacks run.
-    fn limit(&self, lacks: &BTreeMap<Whose, Lacks>, stuck: &BTreeSet<Whose>) -> Option<Duration> {
+    /// After how long in vain no more is waited for, of a wait that lasts as long as `stall`; `None` while
+    /// callbacks run. Who never sleeps may be about to do what is awaited: beside it that is waited for to the end
+    /// at first, and half as long each time, but for a callback that may be what runs.
+    fn limit(
+        &self,
+        lacks: &BTreeMap<Whose, Lacks>,
+        stuck: &BTreeSet<Whose>,
+        stall: Duration,
+    ) -> Option<InVain> {
         let runs = |one: &Whose| !stuck.contains(one) && !self.hidden.contains(one);
         if self.called.iter().any(runs) {
             return None;
         }
-        let patience = |one: &Whose| {
-            let most = if self.hidden.contains(one) { COMES_BACK } else { DOUBTFUL };
-            most.min(lacks.get(one).copied().unwrap_or_default().patience())
-        };
-        let unknown = self.left.iter().filter(|one| !stuck.contains(*one));
-        Some(unknown.map(patience).max().unwrap_or(Duration::ZERO))
+        let known = |one: &Whose| lacks.get(one).copied().unwrap_or_default();
+        let mut limit = InVain { asleep: Duration::ZERO, ran: Duration::ZERO };
+        for one in self.left.iter().filter(|one| !stuck.contains(*one)) {
+            let (most, whole) = (known(one).patience(DOUBTFUL), stall.max(DOUBTFUL));
+            let (asleep, ran) = match self.hidden.contains(one) {
+                true => (most.min(COMES_BACK), whole),
+                false => (most, known(one).patience(whole)),
+            };
+            limit = InVain { asleep: limit.asleep.max(asleep), ran: limit.ran.max(ran) };
+        }
+        Some(limit)
     }
 
-    /// Takes in that no more is waited for. Only where more than the time went out (`is_step`) did what is not
-    /// left any more come: else nothing was sent that could lack.
-    fn give_up(&self, lacks: &mut BTreeMap<Whose, Lacks>, is_step: bool) {
-        let came = |whose: &Whose| is_step && !self.left.contains(whose);
-        for (_, one) in lacks.iter_mut().filter(|(whose, _)| came(whose)) {
+    /// Takes in that no more is waited for. Of what is not left any more, nothing lacks where something `came`:
+    /// else nothing was sent that could lack.
+    fn give_up(&self, lacks: &mut BTreeMap<Whose, Lacks>, came: impl Fn(&Whose) -> bool) {
+        let whole = |whose: &Whose| !self.left.contains(whose) && came(whose);
+        for (_, one) in lacks.iter_mut().filter(|(whose, _)| whole(whose)) {
             one.in_a_row = 0;
         }
         for whose in self.left.difference(&self.called) {
@@ -231,24 +227,23 @@ impl Stillness {
                 Quiet::Unknown(doubts) => Rest::of(ledger, &[], &doubts)?,
             };
             stuck.look(&rest.busy);
-            let Some(limit) = rest.limit(lacks, &stuck.now) else {
+            let Some(limit) = rest.limit(lacks, &stuck.now, patience) else {
                 doubt = Doubt::default();
                 return Ok(false);
             };
-            Ok(limit.is_zero()
-                || doubt.look(Instant::now(), ledger.all_asleep(&[player])?) >= limit)
+            Ok(limit.asleep.is_zero()
+                || doubt.look(Instant::now(), &ledger.awake(&[player])?).is_over(limit))
         };
         let waited = ledger.wait(&EVENTS, &[], Instant::now() + patience, over)?;
-        *mark = Some(match still {
+        let after = match still {
             Some(mark) => mark,
             None => ledger.mark()?,
-        });
+        };
         if waited == Waited::Late {
             stuck.add(&rest.called);
         }
-        let is_step = since.iter().any(|(topic, messages)| *topic != CLOCK && *messages > 0);
-        rest.give_up(lacks, is_step);
-        *sent = now;
+        rest.give_up(lacks, |(node, topic)| after.has_come_since(before, node, topic));
+        (*mark, *sent) = (Some(after), now);
         Ok(())
     }
 
@@ -287,13 +282,26 @@ fn of_busy(busy: &Busy) -> Whose {
 mod tests {
     use super::*;
 
+    const STALL: Duration = Duration::from_secs(10);
+
     fn whose(node: &str) -> Whose {
         (node.to_owned(), "/topic".to_owned())
     }
 
+    /// Nobody took anything.
+    fn nothing(_: &Whose) -> bool {
+        false
+    }
+
+    /// A limit, in seconds.
+    fn in_vain(asleep: f64, ran: f64) -> Option<InVain> {
+        let [asleep, ran] = [asleep, ran].map(Duration::from_secs_f64);
+        Some(InVain { asleep, ran })
+    }
+
     #[test]
     fn what_did_not_come_is_waited_for_again_and_less_each_time() {
-        let ms = |lacks: Lacks| lacks.patience().as_secs_f64() * 1000.0;
+        let ms = |lacks: Lacks| lacks.patience(DOUBTFUL).as_secs_f64() * 1000.0;
         let (mut steady, mut lacks) = (Lacks::default(), Vec::new());
         for _ in 0..9 {
             lacks.push(ms(steady));
@@ -312,16 +320,16 @@ mod tests {
             Rest { left, late, ..Rest::default() }
         };
         let mut lacks = BTreeMap::new();
-        lacking(true).give_up(&mut lacks, true);
-        Rest::default().give_up(&mut lacks, true);
-        lacking(true).give_up(&mut lacks, true);
+        lacking(true).give_up(&mut lacks, nothing);
+        Rest::default().give_up(&mut lacks, |_| true);
+        lacking(true).give_up(&mut lacks, nothing);
         let known = lacks[&whose("/node")];
         assert_eq!(known, Lacks { times: 2, in_a_row: 1, certain: false });
-        assert_eq!(lacking(false).limit(&lacks, &BTreeSet::new()), Some(DOUBTFUL / 2));
-        lacking(true).give_up(&mut lacks, true);
+        assert_eq!(lacking(false).limit(&lacks, &BTreeSet::new(), STALL), in_vain(0.5, 5.0));
+        lacking(true).give_up(&mut lacks, nothing);
         assert!(lacks[&whose("/node")].certain);
         let mut lacks = BTreeMap::new();
-        lacking(false).give_up(&mut lacks, true);
+        lacking(false).give_up(&mut lacks, nothing);
         assert!(lacks[&whose("/node")].certain);
     }
 
@@ -336,23 +344,46 @@ mod tests {
             ..Rest::default()
         };
         let mut lacks = BTreeMap::new();
-        assert_eq!(rest.limit(&lacks, &BTreeSet::new()), None);
-        assert_eq!(rest.limit(&lacks, &stuck), Some(DOUBTFUL));
-        rest.give_up(&mut lacks, true);
+        assert_eq!(rest.limit(&lacks, &BTreeSet::new(), STALL), None);
+        assert_eq!(rest.limit(&lacks, &stuck, STALL), in_vain(1.0, 10.0));
+        rest.give_up(&mut lacks, nothing);
         assert_eq!(lacks.keys().collect::<Vec<_>>(), [&whose("/node")]);
     }
 
     #[test]
-    fn between_a_time_and_its_message_nothing_has_come_that_lacked_before() {
+    fn where_nothing_came_nothing_has_come_that_lacked_before() {
         let lacking = Rest { left: BTreeSet::from([whose("/node")]), ..Rest::default() };
         let mut lacks = BTreeMap::new();
+        // Between two of its messages time goes on, and others are sent theirs.
         for _ in 0..8 {
-            lacking.give_up(&mut lacks, true);
-            Rest::default().give_up(&mut lacks, false);
+            lacking.give_up(&mut lacks, nothing);
+            Rest::default().give_up(&mut lacks, |whose| whose.0 != "/node");
         }
-        assert_eq!(lacking.limit(&lacks, &BTreeSet::new()), Some(Duration::ZERO));
-        Rest::default().give_up(&mut lacks, true);
+        assert_eq!(lacking.limit(&lacks, &BTreeSet::new(), STALL), in_vain(0.0, 0.0));
+        // What came in part lacks.
+        lacking.give_up(&mut lacks, |_| true);
+        assert_eq!(lacking.limit(&lacks, &BTreeSet::new(), STALL), in_vain(0.0, 0.0));
+        Rest::default().give_up(&mut lacks, |_| true);
         assert_eq!(lacks[&whose("/node")].in_a_row, 0);
+        let last = 1.0 / 64.0;
+        let again = lacking.limit(&lacks, &BTreeSet::new(), STALL);
+        assert_eq!(again, in_vain(last, 10.0 * last));
+    }
+
+    #[test]
+    fn who_never_lacked_is_waited_for_to_the_end_beside_one_that_never_sleeps() {
+        let of = |some: &[&str]| Rest {
+            left: some.iter().map(|one| whose(one)).collect(),
+            ..Rest::default()
+        };
+        let (mut lacks, none) = (BTreeMap::new(), BTreeSet::new());
+        for seconds in [10.0, 10.0, 5.0, 2.5] {
+            let alone = of(&["/lacks"]).limit(&lacks, &none, STALL);
+            assert_eq!(alone, in_vain(seconds / 10.0, seconds));
+            let both = of(&["/lacks", "/slow"]).limit(&lacks, &none, STALL);
+            assert_eq!(both, in_vain(1.0, 10.0));
+            of(&["/lacks"]).give_up(&mut lacks, nothing);
+        }
     }
 
     #[test]
@@ -393,24 +424,18 @@ mod tests {
             late: BTreeSet::new(),
         };
         let (nobody, none) = (BTreeMap::new(), BTreeSet::new());
-        assert_eq!(rest(true, false).limit(&nobody, &none), None);
-        assert_eq!(rest(true, false).limit(&nobody, &all), Some(Duration::ZERO));
-        assert_eq!(rest(true, true).limit(&nobody, &none), Some(COMES_BACK));
-        assert_eq!(rest(false, false).limit(&nobody, &none), Some(DOUBTFUL));
+        assert_eq!(rest(true, false).limit(&nobody, &none, STALL), None);
+        assert_eq!(rest(true, false).limit(&nobody, &all, STALL), in_vain(0.0, 0.0));
+        // One that is awake may be in that callback.
+        assert_eq!(rest(true, true).limit(&nobody, &none, STALL), in_vain(0.1, 10.0));
+        let once = BTreeMap::from([(whose("/node"), Lacks { times: 6, ..Lacks::default() })]);
+        assert_eq!(rest(true, true).limit(&once, &none, STALL), in_vain(0.03125, 10.0));
+        assert_eq!(rest(false, false).limit(&once, &none, STALL), in_vain(0.03125, 0.3125));
+        // However short the whole wait is, it is no shorter than while all sleep.
+        let short = Duration::from_millis(5);
+        assert_eq!(rest(false, false).limit(&once, &none, short), in_vain(0.03125, 0.03125));
+        assert_eq!(rest(false, false).limit(&nobody, &none, STALL), in_vain(1.0, 10.0));
         let lacks = BTreeMap::from([(whose("/node"), Lacks { in_a_row: 8, ..Lacks::default() })]);
-        assert_eq!(rest(false, false).limit(&lacks, &none), Some(Duration::ZERO));
-    }
-
-    #[test]
-    fn only_time_in_which_all_slept_and_we_looked_makes_a_doubt() {
-        let begun = Instant::now();
-        let ms = Duration::from_millis;
-        let mut doubt = Doubt::default();
-        assert_eq!(doubt.look(begun, true), ms(0));
-        assert_eq!(doubt.look(begun + ms(20), true), ms(20));
-        assert_eq!(doubt.look(begun + ms(40), false), ms(20));
-        assert_eq!(doubt.look(begun + ms(55), true), ms(35));
-        // A machine that stood still.
-        assert_eq!(doubt.look(begun + ms(5_000), true), ms(75));
+        assert_eq!(rest(false, false).limit(&lacks, &none, STALL), in_vain(0.0, 0.0));
     }
 }

@@ -8,7 +8,7 @@ mod standin;
 use std::time::Duration;
 
 use bagpipe_replay::{Mode, Replayed};
-use scene::{Ask, MS, Scene, recorded, recording};
+use scene::{Ask, MS, RELAY, Scene, recorded, recording};
 
 /// The times of what was recorded, in ms.
 fn times(replayed: &Replayed) -> Vec<u64> {
@@ -22,6 +22,25 @@ fn passes_on<'a>(name: &'a str, sub: &'a str, publisher: &'a str, relay: &'a str
 
 const IN: &str = "/in:sensor_msgs/msg/Imu:10:reliable";
 const OUT: &str = "/out:std_msgs/msg/String:100:reliable";
+
+#[test]
+fn a_thread_that_never_sleeps_has_each_lacking_message_cost_less_than_the_one_before() {
+    let scene = Scene::new();
+    let half = [&RELAY[..], &["--drop-every", "2"]].concat();
+    let _relay = scene.start("standin_node", &half);
+    // It asks for more than is offered, so that nothing reaches it.
+    let deaf = ["--name", "/deaf", "--sub", "/out:std_msgs/msg/String:5:reliable:transient_local"];
+    let _deaf = scene.start("standin_node", &[&deaf[..], &["--wakeful"]].concat());
+    scene.await_subscriptions(2);
+    let ask = Ask { mode: Mode::Lockstep, drain: Duration::from_secs(2), ..Ask::default() };
+    let replayed = scene.play(&recording(&["/in"], 40, 50), &ask).unwrap();
+    assert_eq!(times(&replayed), (1000..1040).step_by(2).collect::<Vec<_>>());
+    let warnings = replayed.playback.warnings.join("; ");
+    assert!(warnings.contains("what /deaf was sent on /out did not all come to it"), "{warnings}");
+    // Twice 2 s and then half as long each time, where each of twenty took 2 s.
+    let seconds = replayed.playback.played_seconds;
+    assert!(seconds < 20.0, "{seconds}");
+}
 
 #[test]
 fn a_callback_that_never_ends_hides_nothing_that_is_on_its_way() {

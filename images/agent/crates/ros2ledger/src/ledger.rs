@@ -13,8 +13,10 @@ use crate::layout::{
     phase,
 };
 use crate::memory::Memory;
-use crate::process::{is_alive, is_asleep, uses_ros2};
-use crate::{Counts, Endpoint, EndpointId, LedgerError, Process, ProcessId, Strength, library};
+use crate::process::{awake, is_alive, uses_ros2};
+use crate::{
+    Awake, Counts, Endpoint, EndpointId, LedgerError, Process, ProcessId, Strength, library,
+};
 
 /// A ledger: the nodes that are started with its [`environment`](Ledger::environment) count in it.
 /// Dropping it leaves them uncounted; they run on.
@@ -65,15 +67,15 @@ impl Ledger {
         listed.map(|one| one.map(|one| Process { alive: self.runs(one.id), ..one })).collect()
     }
 
-    /// Whether every process that counts is asleep, and so are these others: no thread of it runs,
-    /// waits for a processor or a disk, or was stopped. What a process has not done while it is not
-    /// asleep, it may still do.
+    /// The threads that are not asleep of every process that counts, and of these others: they run, wait for a
+    /// processor or a disk, or were stopped. What a process has not done while it is not asleep, it may still
+    /// do.
     ///
     /// # Errors
     /// [`LedgerError::Damaged`].
-    pub fn all_asleep(&self, others: &[u32]) -> Result<bool, LedgerError> {
+    pub fn awake(&self, others: &[u32]) -> Result<Vec<Awake>, LedgerError> {
         let alive = self.processes()?.into_iter().filter(|one| one.alive).map(|one| one.id.pid);
-        Ok(alive.chain(others.iter().copied()).all(is_asleep))
+        Ok(alive.chain(others.iter().copied()).flat_map(awake).collect())
     }
 
     /// The subscriptions and publishers, also those that were destroyed or whose process ended,

@@ -68,6 +68,6 @@ pub use error::LedgerError;
 pub use flow::Flow;
 pub use ledger::{Ledger, Unlisted};
 pub use library::{LIBRARY, uncounted};
-pub use process::{Process, ProcessId, Strength};
+pub use process::{Awake, Process, ProcessId, Strength};
 pub use quiet::{Busy, Doubt, Mark, Quiet, Why};
 pub use wait::{Event, Waited};

@@ -1,6 +1,7 @@
 //! The processes of the ledger, and what the kernel knows of them.
 
 use std::io::{BufRead, BufReader, ErrorKind};
+use std::time::Duration;
 
 /// One program in a process: neither one that gets its number later, nor one that it becomes by
 /// `exec`.
@@ -73,14 +74,34 @@ fn has_other_threads(pid: u32) -> bool {
         .any(|stat| state(&stat).is_some_and(|state| !matches!(state, b'Z' | b'X' | b'x')))
 }
 
-/// Whether no thread of a process wants to go on: none runs, waits for a processor or a disk, or was
-/// stopped. What has ended sleeps.
-pub(crate) fn is_asleep(pid: u32) -> bool {
-    let Ok(threads) = std::fs::read_dir(format!("/proc/{pid}/task")) else { return true };
-    threads.flatten().all(|thread| {
+/// A thread that is not asleep.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Awake {
+    /// Its number.
+    pub thread: u32,
+    /// For how long a processor has run it since it began, in the kernel's ticks: of 10 ms on most machines.
+    pub ran: Duration,
+}
+
+/// The threads of a process that want to go on: they run, wait for a processor or a disk, or were stopped. What
+/// has ended sleeps.
+pub(crate) fn awake(pid: u32) -> impl Iterator<Item = Awake> {
+    let threads = std::fs::read_dir(format!("/proc/{pid}/task")).into_iter().flatten().flatten();
+    threads.filter_map(|thread| {
         let stat = std::fs::read(thread.path().join("stat")).unwrap_or_default();
-        !matches!(state(&stat), Some(b'R' | b'D' | b'T' | b't'))
+        let is_awake = matches!(state(&stat), Some(b'R' | b'D' | b'T' | b't'));
+        let number = thread.file_name().to_str()?.parse().ok()?;
+        is_awake.then(|| Awake { thread: number, ran: ran(&stat) })
     })
+}
+
+/// How long it ran in its own code and in the kernel, fields 14 and 15.
+fn ran(stat: &[u8]) -> Duration {
+    let name_ends = stat.iter().rposition(|byte| *byte == b')').unwrap_or(stat.len());
+    let fields = std::str::from_utf8(stat.get(name_ends + 1..).unwrap_or_default());
+    let both = fields.unwrap_or_default().split_ascii_whitespace().skip(11).take(2);
+    let ticks: u64 = both.filter_map(|ticks| ticks.parse::<u64>().ok()).sum();
+    Duration::from_secs_f64(ticks as f64 / rustix::param::clock_ticks_per_second() as f64)
 }
 
 /// The state of a process or thread, by its line of proc(5)'s `stat`, field 3.
@@ -136,6 +157,7 @@ mod tests {
 
     #[test]
     fn who_waits_is_asleep_and_who_runs_is_not() {
+        let is_asleep = |pid: u32| awake(pid).next().is_none();
         assert_eq!(state(STAT.as_bytes()), Some(b'S'));
         assert_eq!(state(b"7 (a"), None);
         // This very thread runs.
@@ -149,6 +171,21 @@ mod tests {
         waits.kill().unwrap();
         waits.wait().unwrap();
         assert!(is_asleep(waits.id()));
+    }
+
+    #[test]
+    fn how_long_a_thread_ran_is_fields_14_and_15_and_none_of_what_is_cut_off() {
+        let tick = 1.0 / rustix::param::clock_ticks_per_second() as f64;
+        assert_eq!(ran(STAT.as_bytes()), Duration::from_secs_f64(11.0 * tick));
+        assert_eq!(ran(b"7 (a) R 1"), Duration::ZERO);
+        assert_eq!(ran(b"7 (a"), Duration::ZERO);
+        let thread = rustix::thread::gettid().as_raw_nonzero().get().unsigned_abs();
+        let own = || awake(std::process::id()).find(|one| one.thread == thread).unwrap().ran;
+        let (before, begun) = (own(), std::time::Instant::now());
+        while own() < before + Duration::from_millis(50) {
+            assert!(begun.elapsed() < Duration::from_secs(60), "it does not count what it runs");
+        }
+        assert!(begun.elapsed() >= Duration::from_millis(20));
     }
 
     #[test]

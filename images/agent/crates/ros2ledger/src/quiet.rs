@@ -121,6 +121,15 @@ impl Mark {
         let before = same(&self.endpoints, endpoint).map_or(0, |one| count(&one.counts));
         count(&endpoint.counts).saturating_sub(before)
     }
+
+    /// Whether a node has taken more of a topic than at an earlier mark, or was called with more of it that
+    /// came within its process.
+    pub fn has_come_since(&self, before: &Mark, node: &str, topic: &str) -> bool {
+        let got = |counts: &Counts| counts.taken.saturating_add(counts.intra_started);
+        let of_it = |one: &&Endpoint| one.kind == Kind::Subscription && one.topic == topic;
+        let mut all = self.endpoints.iter().filter(of_it);
+        all.any(|one| one.node == node && before.since(one, got) > 0)
+    }
 }
 
 impl Ledger {

@@ -299,6 +299,25 @@ fn a_chain_is_never_still_before_its_end() {
     assert_eq!(answer(&before, of([1; 5]), &[]), Answer::Still);
 }
 
+#[test]
+fn what_has_come_is_of_this_node_and_this_topic_and_later_than_the_mark() {
+    let mark = |endpoints: &[Endpoint]| Mark { endpoints: endpoints.to_vec() };
+    let before = mark(&[publisher(0), subscription(2, 2)]);
+    let intra = with(subscription(2, 2), |one| one.counts.intra_started = 1);
+    for (now, has) in [
+        (vec![publisher(5), subscription(2, 2)], false),
+        (vec![publisher(5), subscription(3, 2)], true),
+        (vec![publisher(0), intra], true),
+        // Another one in its slot, which has taken something.
+        (vec![with(subscription(1, 1), |one| one.id.generation = 2)], true),
+        (vec![], false),
+    ] {
+        assert_eq!(mark(&now).has_come_since(&before, "/a", "/a"), has, "{now:?}");
+        assert!(!mark(&now).has_come_since(&before, "/b", "/a"));
+        assert!(!mark(&now).has_come_since(&before, "/a", "/b"));
+    }
+}
+
 fn settled(looks: &[[u64; 3]]) -> (Quiet, usize) {
     let mut read = 0;
     let look = || {
