@@ -26,6 +26,9 @@ const AGAIN: u32 = 3;
 /// How long the end of a callback that may never show is waited for, while everybody sleeps: of a node
 /// without tracepoints that has several threads, the last ones come back with the next message only.
 const COMES_BACK: Duration = Duration::from_millis(100);
+/// How often, and after how long, it is asked again whether a thread sleeps that has come back from a callback.
+const ASKED: u32 = 10;
+const SOON: Duration = Duration::from_micros(200);
 /// Of the time between two looks, which are every 20 ms, so much counts: we may have stood still.
 pub(crate) const LOOK: Duration = Duration::from_millis(40);
 
@@ -91,6 +94,8 @@ struct Lacks {
     in_a_row: u32,
     /// Whether something is missing for certain, and not in doubt alone since one of both ends was new.
     certain: bool,
+    /// Whether it was not seen what waits within its process.
+    unseen: bool,
 }
 
 impl Lacks {
@@ -108,6 +113,13 @@ impl Lacks {
         self.in_a_row += 1;
         self.certain |= !late || self.in_a_row > 1;
     }
+
+    /// Takes in that it was not seen whether something is to come: once, a thread may have been awake by chance.
+    fn add_unseen(&mut self) {
+        self.times += 1;
+        self.in_a_row += 1;
+        self.unseen |= self.in_a_row > 1;
+    }
 }
 
 /// What is left to be done at a look.
@@ -124,6 +136,8 @@ struct Rest {
     hidden: BTreeSet<Whose>,
     /// What is in doubt since one of both ends is new.
     late: BTreeSet<Whose>,
+    /// What may wait within a process, and nothing that is known to lack.
+    within: BTreeSet<Whose>,
 }
 
 impl Rest {
@@ -140,15 +154,21 @@ impl Rest {
             false => BTreeSet::new(),
         };
         let hidden = busy.iter().filter(silent).filter(|one| several.contains(&one.process));
-        let whose = |one: &Doubted| (one.node.clone(), one.topic.clone());
+        let whose = |one: &&Doubted| (one.node.clone(), one.topic.clone());
         let late = doubts.iter().filter(|one| one.why == Why::Late);
-        Ok(Rest {
-            left: busy.iter().map(of_busy).chain(doubts.iter().map(whose)).collect(),
+        let (within, lack): (Vec<_>, Vec<_>) = doubts.iter().partition(is_within);
+        let lack = busy.iter().map(of_busy).chain(lack.iter().map(whose));
+        let mut rest = Rest {
+            left: lack.collect(),
             busy: busy.iter().map(of_busy).collect(),
             called: busy.iter().filter(taken).map(of_busy).collect(),
             hidden: hidden.map(of_busy).collect(),
-            late: late.map(whose).collect(),
-        })
+            late: late.map(|one| whose(&one)).collect(),
+            within: BTreeSet::new(),
+        };
+        rest.within = within.iter().map(whose).filter(|one| !rest.left.contains(one)).collect();
+        rest.left.extend(rest.within.iter().cloned());
+        Ok(rest)
     }
 
     /// After how long in vain no more is waited for, of a wait that lasts as long as `stall`; `None` while
@@ -185,7 +205,11 @@ impl Rest {
             one.in_a_row = 0;
         }
         for whose in self.left.difference(&self.called) {
-            lacks.entry(whose.clone()).or_default().add(self.late.contains(whose));
+            let one = lacks.entry(whose.clone()).or_default();
+            match self.within.contains(whose) {
+                true => one.add_unseen(),
+                false => one.add(self.late.contains(whose)),
+            }
         }
     }
 }
@@ -215,7 +239,7 @@ impl Stillness {
             .collect();
         let (mut still, mut doubt, mut rest) = (None, Doubt::default(), Rest::default());
         let over = |ledger: &Ledger| {
-            rest = match ledger.quiet(before, &since)? {
+            rest = match ask(ledger, before, &since)? {
                 Quiet::Still(mark) => {
                     still = Some(mark);
                     stuck.look(&BTreeSet::new());
@@ -256,8 +280,16 @@ impl Stillness {
                  only for a moment: its queue or its quality of service lets messages go"
             )
         };
-        let certain = state.lacks.iter().filter(|(_, lacks)| lacks.certain).map(|(whose, _)| whose);
-        let named = certain.filter(|(node, topic)| !node.is_empty() && !topic.is_empty());
+        let unseen = |(node, topic): &Whose| {
+            format!(
+                "what {node} is handed on {topic} within its process is not counted while it waits, and a thread \
+                 there never slept: lock-step may go on before it has come, and two runs may differ"
+            )
+        };
+        let named = |(node, topic): &Whose| !node.is_empty() && !topic.is_empty();
+        let all = || state.lacks.iter().filter(|(whose, _)| named(whose));
+        let certain = all().filter(|(_, lacks)| lacks.certain).map(|(whose, _)| remark(whose));
+        let unseen = all().filter(|(_, lacks)| lacks.unseen).map(|(whose, _)| unseen(whose));
         let endless = state.stuck.ever.keys().map(|(node, topic)| {
             let whose = if node.is_empty() { topic.clone() } else { format!("{node} on {topic}") };
             format!(
@@ -265,8 +297,25 @@ impl Stillness {
                  before its end"
             )
         });
-        named.map(remark).chain(endless).collect()
+        certain.chain(unseen).chain(endless).collect()
     }
+}
+
+fn is_within(doubt: &&Doubted) -> bool {
+    doubt.why == Why::IntraProcess
+}
+
+/// Asks whether all is worked off, and again for a moment where nothing is in doubt but what may wait within a
+/// process: it is not, once its threads are back from their callbacks, of which nobody wakes us.
+fn ask(ledger: &Ledger, since: &Mark, sent: &[(&str, u64)]) -> Result<Quiet, LedgerError> {
+    for _ in 0..ASKED {
+        let quiet = ledger.quiet(since, sent)?;
+        if !matches!(&quiet, Quiet::Unknown(doubts) if doubts.iter().all(|one| is_within(&one))) {
+            return Ok(quiet);
+        }
+        std::thread::sleep(SOON);
+    }
+    ledger.quiet(since, sent)
 }
 
 /// Node and topic.
@@ -324,7 +373,7 @@ mod tests {
         Rest::default().give_up(&mut lacks, |_| true);
         lacking(true).give_up(&mut lacks, nothing);
         let known = lacks[&whose("/node")];
-        assert_eq!(known, Lacks { times: 2, in_a_row: 1, certain: false });
+        assert_eq!(known, Lacks { times: 2, in_a_row: 1, certain: false, unseen: false });
         assert_eq!(lacking(false).limit(&lacks, &BTreeSet::new(), STALL), in_vain(0.5, 5.0));
         lacking(true).give_up(&mut lacks, nothing);
         assert!(lacks[&whose("/node")].certain);
@@ -386,6 +435,33 @@ mod tests {
         }
     }
 
+    fn doubted(why: Why) -> Doubted {
+        let (node, topic) = whose("/node");
+        Doubted { node, topic, missing: 1, why }
+    }
+
+    #[test]
+    fn what_was_not_seen_within_a_process_is_named_as_that_and_hides_no_loss() {
+        let ledger = Ledger::new().unwrap();
+        let remarks = |doubts: &[Doubted]| {
+            let stillness = Stillness::default();
+            let rest = Rest::of(&ledger, &[], doubts).unwrap();
+            for _ in 0..2 {
+                rest.give_up(&mut stillness.state.lock().unwrap().lacks, nothing);
+            }
+            stillness.remarks().join("; ")
+        };
+        let unseen = remarks(&[doubted(Why::IntraProcess)]);
+        let begins = "what /node is handed on /topic within its process is not counted";
+        assert!(unseen.starts_with(begins) && !unseen.contains("did not all come"), "{unseen}");
+        let lost = remarks(&[doubted(Why::BestEffort)]);
+        assert!(lost.starts_with("what /node was sent on /topic did not all come to it"), "{lost}");
+        // Of two subscriptions of a node.
+        for why in [Why::BestEffort, Why::Late] {
+            assert_eq!(remarks(&[doubted(Why::IntraProcess), doubted(why)]), lost);
+        }
+    }
+
     #[test]
     fn who_comes_to_its_end_late_is_waited_for_again_three_times_and_stays_named() {
         let (mut stuck, all) = (Stuck::default(), BTreeSet::from([whose("/node")]));
@@ -421,7 +497,7 @@ mod tests {
             busy: all.clone(),
             called: if called { all.clone() } else { BTreeSet::new() },
             hidden: if hidden { all.clone() } else { BTreeSet::new() },
-            late: BTreeSet::new(),
+            ..Rest::default()
         };
         let (nobody, none) = (BTreeMap::new(), BTreeSet::new());
         assert_eq!(rest(true, false).limit(&nobody, &none, STALL), None);

@@ -24,6 +24,25 @@ const IN: &str = "/in:sensor_msgs/msg/Imu:10:reliable";
 const OUT: &str = "/out:std_msgs/msg/String:100:reliable";
 
 #[test]
+fn what_is_handed_over_within_a_process_belongs_to_its_step_and_is_no_loss() {
+    let scene = Scene::new();
+    let middle = "/middle:std_msgs/msg/String:10:reliable";
+    let both = ["--name", "/both", "--sub", IN, "--sub", middle, "--pub", middle, "--pub", OUT];
+    let relays = ["--relay", "/in=/middle", "--relay", "/middle=/out"];
+    // What was handed over waits while it is not yet back from the callback that did so.
+    let within = ["--within", "--returns-us", "3000"];
+    let _both = scene.start("standin_node", &[&both[..], &relays, &within].concat());
+    scene.await_subscriptions(2);
+    let ask = Ask { mode: Mode::Lockstep, ..Ask::default() };
+    let replayed = scene.play(&recording(&["/in"], 20, 50), &ask).unwrap();
+    assert_eq!(replayed.playback.warnings, [] as [String; 0]);
+    assert_eq!(times(&replayed), (1000..1020).collect::<Vec<_>>());
+    // Nothing lacked: a second was waited at each of the first steps, in vain.
+    let seconds = replayed.playback.played_seconds;
+    assert!(seconds < 2.5, "{seconds}");
+}
+
+#[test]
 fn a_thread_that_never_sleeps_has_each_lacking_message_cost_less_than_the_one_before() {
     let scene = Scene::new();
     let half = [&RELAY[..], &["--drop-every", "2"]].concat();
@@ -60,4 +79,25 @@ fn a_callback_that_never_ends_hides_nothing_that_is_on_its_way() {
     let warnings = replayed.playback.warnings.join("; ");
     assert!(warnings.contains("a callback of /hangs on /out_middle was not over"), "{warnings}");
     assert_eq!(times(&replayed), (1000..1060).collect::<Vec<_>>());
+}
+
+#[test]
+fn what_is_not_seen_within_a_process_that_never_sleeps_is_named_as_that_and_ends() {
+    let scene = Scene::new();
+    let middle = "/middle:std_msgs/msg/String:10:reliable";
+    let both = ["--name", "/both", "--sub", IN, "--sub", middle, "--pub", middle, "--pub", OUT];
+    let relays = ["--relay", "/in=/middle", "--relay", "/middle=/out"];
+    let within = ["--within", "--wakeful"];
+    let _both = scene.start("standin_node", &[&both[..], &relays, &within].concat());
+    scene.await_subscriptions(2);
+    let ask = Ask { mode: Mode::Lockstep, drain: Duration::from_secs(1), ..Ask::default() };
+    let replayed = scene.play(&recording(&["/in"], 30, 50), &ask).unwrap();
+    let ledger = &replayed.ledger;
+    assert_eq!((ledger.sent, ledger.received, ledger.dropped), (30, 30, 0));
+    assert_eq!(times(&replayed).len(), 30);
+    let warnings = replayed.playback.warnings.join("; ");
+    let named = "what /both is handed on /middle within its process is not counted";
+    assert!(warnings.contains(named) && !warnings.contains("did not all come"), "{warnings}");
+    let seconds = replayed.playback.played_seconds;
+    assert!(seconds < 15.0, "{seconds}");
 }

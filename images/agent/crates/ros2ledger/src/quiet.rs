@@ -1,8 +1,9 @@
 //! Whether the nodes have worked off what they were sent and what they sent each other.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::time::Duration;
 
+use crate::process::awake;
 use crate::{
     Counts, Endpoint, History, Kind, Ledger, LedgerError, ProcessId, Reliability, Strength,
     Unlisted,
@@ -86,7 +87,8 @@ pub enum Why {
     /// More were taken than published: somebody publishes without counting, or they waited in a
     /// queue at the mark. Which of them were taken is not known.
     Uncounted,
-    /// A publisher of the same process may hand over messages that wait where nothing counts.
+    /// A publisher of the same process may hand over messages that wait where nothing counts, and a thread there
+    /// is awake, which may be on its way to them. Of those for which one waits already, that is seen.
     IntraProcess,
     /// Something found no room in the ledger.
     Unlisted,
@@ -99,6 +101,20 @@ struct Look {
     /// Processes with callbacks of timers and services, which ended and which run.
     others: Vec<(ProcessId, u64, u64)>,
     unlisted: bool,
+}
+
+/// What the kernel knows of processes.
+struct Kernel<'a> {
+    /// Whether it is there.
+    runs: &'a dyn Fn(ProcessId) -> bool,
+    /// Whether no thread of it wants to go on.
+    sleeps: &'a dyn Fn(ProcessId) -> bool,
+}
+
+/// Asks about each process once.
+fn once<'a>(ask: &'a dyn Fn(ProcessId) -> bool) -> impl FnMut(ProcessId) -> bool + 'a {
+    let mut known = HashMap::new();
+    move |of| *known.entry(of).or_insert_with(|| ask(of))
 }
 
 /// What was published on a topic since the mark.
@@ -149,14 +165,18 @@ impl Ledger {
     /// [`Event::Ended`](crate::Event::Ended) and [`Event::Taken`](crate::Event::Taken).
     ///
     /// It does not know of timers that are due later, of services and actions between a request
-    /// and its callback, and of threads that publish outside of callbacks. A subscription that
+    /// and its callback, of threads that publish outside of callbacks, and of messages within a process that wait
+    /// for a thread which sleeps outside of the middleware. A subscription that
     /// filters what it takes, or does not match a publisher of its topic by type or QoS, is
     /// working for ever.
     ///
     /// # Errors
     /// [`LedgerError::Damaged`].
     pub fn quiet(&self, since: &Mark, sent: &[(&str, u64)]) -> Result<Quiet, LedgerError> {
-        settle(since, sent, || self.look(since), |of| self.runs(of))
+        let runs = |of| self.runs(of);
+        // A number may be another process' by now.
+        let sleeps = |of: ProcessId| awake(of.pid).next().is_none() || !self.runs(of);
+        settle(since, sent, || self.look(since), &Kernel { runs: &runs, sleeps: &sleeps })
     }
 
     fn look(&self, since: &Mark) -> Result<Look, LedgerError> {
@@ -186,14 +206,14 @@ fn settle(
     since: &Mark,
     sent: &[(&str, u64)],
     mut read: impl FnMut() -> Result<Look, LedgerError>,
-    runs: impl Fn(ProcessId) -> bool,
+    kernel: &Kernel<'_>,
 ) -> Result<Quiet, LedgerError> {
     let mut look = read()?;
     let mut counting = Vec::new();
     for _ in 0..READS {
-        let mut known = HashMap::new();
-        let mut alive = |of| *known.entry(of).or_insert_with(|| runs(of));
-        let (busy, doubts) = decide(since, &look, sent, &mut alive);
+        // Behind one read and before the next, between which nobody was awake then.
+        let (busy, mut doubts) = decide(since, &look, sent, &mut once(kernel.runs));
+        doubts.extend(within(&look, &busy, &mut once(kernel.sleeps)));
         // One read is enough for who has work, and not for a doubt.
         if !busy.is_empty() && doubts.is_empty() {
             return Ok(Quiet::Working(busy, doubts));
@@ -275,6 +295,31 @@ fn decide(
     (busy, doubts)
 }
 
+/// What may wait within processes. What wakes a thread that waits is counted as its process' work; a thread that
+/// is handed something while it is in a callback finds it when it waits again, and is awake until then.
+fn within(look: &Look, busy: &[Busy], asleep: &mut dyn FnMut(ProcessId) -> bool) -> Vec<Doubt> {
+    let handed = || look.endpoints.iter().filter(|one| one.intra_process && !one.destroyed);
+    if handed().next().is_none() {
+        return Vec::new();
+    }
+    let publishes = |one: &&Endpoint| one.kind == Kind::Publisher;
+    // What a destroyed one published may wait there as well.
+    let pairs: HashSet<(ProcessId, &str)> =
+        look.endpoints.iter().filter(publishes).map(|one| (one.process, &*one.topic)).collect();
+    let works = |of: ProcessId| busy.iter().any(|one| one.process == of && one.in_hand > 0);
+    let mut may_wait = |one: &&Endpoint| {
+        let paired = pairs.contains(&(one.process, &*one.topic));
+        paired && !works(one.process) && !asleep(one.process)
+    };
+    handed()
+        .filter(|one| may_wait(one))
+        .map(|one| {
+            let (node, topic) = (one.node.clone(), one.topic.clone());
+            Doubt { node, topic, missing: 0, why: Why::IntraProcess }
+        })
+        .collect()
+}
+
 /// What went out on each topic since the mark.
 fn published<'a>(
     since: &'a Mark,
@@ -316,10 +361,6 @@ fn doubt(
     if taken > topic.published {
         // A new one may have what was published before.
         return Some(if is_new(one) { Why::Late } else { Why::Uncounted });
-    }
-    // What a destroyed one published may wait there as well.
-    if one.intra_process && topic.by.iter().any(|by| by.process == one.process) {
-        return Some(Why::IntraProcess);
     }
     if taken == topic.published {
         return None;

@@ -8,6 +8,9 @@ use crate::{Durability, EndpointId, Presence, Qos, Strength};
 const ALIVE: u32 = 1;
 const DEAD: u32 = 2;
 
+/// All run, and nobody sleeps.
+const AWAKE: Kernel<'_> = Kernel { runs: &|_| true, sleeps: &|_| false };
+
 fn process(pid: u32) -> ProcessId {
     ProcessId { pid, start: 7, entry: pid as usize }
 }
@@ -228,18 +231,67 @@ fn each_strength_has_its_own_end_and_what_rclcpp_threw_away_is_done() {
 }
 
 #[test]
-fn within_a_process_nobody_knows_what_waits_if_somebody_there_publishes() {
+fn within_a_process_something_may_wait_while_a_thread_of_it_is_awake() {
     let intra = |taken| with(subscription(taken, taken), |one| one.intra_process = true);
     let before = [publisher(0), intra(0)];
-    assert_eq!(answer(&before, before.to_vec(), &[]), unknown(0, Why::IntraProcess));
+    let of = |now: &[Endpoint]| {
+        let look = Look { endpoints: now.to_vec(), ..Look::default() };
+        let doubts = |busy: &[Busy], asleep| within(&look, busy, &mut |_| asleep).len();
+        let (busy, _) = decide(&Mark { endpoints: before.to_vec() }, &look, &[], &mut |_| true);
+        (answer(&before, now.to_vec(), &[]), doubts(&busy, false), doubts(&busy, true))
+    };
+    assert_eq!(of(&before), (Answer::Still, 1, 0));
+    // What one of another process publishes is taken as any other.
     let elsewhere = with(publisher(1), |one| one.process = process(3));
-    assert_eq!(answer(&before, vec![elsewhere.clone(), intra(0)], &[]), working(0, 1));
-    assert_eq!(answer(&before, vec![elsewhere, intra(1)], &[]), Answer::Still);
+    assert_eq!(of(&[elsewhere.clone(), intra(0)]), (working(0, 1), 0, 0));
+    assert_eq!(of(&[elsewhere, intra(1)]), (Answer::Still, 0, 0));
     let destroyed = with(publisher(0), |one| one.destroyed = true);
-    assert_eq!(answer(&before, vec![destroyed, intra(0)], &[]), unknown(0, Why::IntraProcess));
-    // A callback with such a message runs.
+    assert_eq!(of(&[destroyed, intra(0)]), (Answer::Still, 1, 0));
+    assert_eq!(of(&[publisher(0), with(intra(0), |one| one.destroyed = true)]).1, 0);
+    // A copy that comes through the middleware as well, and one that may be lost there.
+    assert_eq!(of(&[publisher(1), intra(0)]), (working(0, 1), 1, 0));
+    let weak = with(intra(0), |one| one.qos.reliability = Reliability::BestEffort);
+    assert_eq!(of(&[publisher(1), weak]).0, unknown(1, Why::BestEffort));
+    // A callback with such a message runs, in which its process may hand over more: that is work.
     let runs = with(intra(0), |one| one.counts.intra_started = 1);
-    assert_eq!(answer(&before, vec![publisher(0), runs], &[]), working(1, 0));
+    assert_eq!(of(&[publisher(0), runs]), (working(1, 0), 0, 0));
+}
+
+/// One that is handed messages within its process, and was asleep at these questions.
+fn settled_within(looks: &[[u64; 2]], asleep: &[bool]) -> (Quiet, usize, usize) {
+    let (mut read, asked) = (0, std::cell::Cell::new(0));
+    let of = |started: u64, ended: u64| {
+        let counts = Counts { intra_started: started, intra_ended: ended, ..Counts::default() };
+        let intra = endpoint(1, Kind::Subscription, "/a", counts);
+        vec![publisher(0), with(intra, |one| one.intra_process = true)]
+    };
+    let before = Mark { endpoints: of(0, 0) };
+    let look = || {
+        let [started, ended] = looks[read.min(looks.len() - 1)];
+        read += 1;
+        Ok(Look { endpoints: of(started, ended), ..Look::default() })
+    };
+    let sleeps = |_: ProcessId| {
+        let at = asked.replace(asked.get() + 1);
+        asleep[at.min(asleep.len() - 1)]
+    };
+    let answer = settle(&before, &[], look, &Kernel { runs: &|_| true, sleeps: &sleeps }).unwrap();
+    (answer, read, asked.get())
+}
+
+#[test]
+fn what_may_wait_within_a_process_does_not_if_it_sleeps_between_two_reads() {
+    let (answer, reads, asked) = settled_within(&[[0, 0]], &[true]);
+    assert!(matches!(answer, Quiet::Still(_)));
+    assert_eq!((reads, asked), (2, 1));
+    // It has called something by the second read, and published who knows what.
+    let (answer, reads, asked) = settled_within(&[[0, 0], [1, 1]], &[true, false]);
+    assert!(matches!(answer, Quiet::Unknown(doubts) if doubts[0].why == Why::IntraProcess));
+    assert_eq!((reads, asked), (3, 2));
+    let (answer, ..) = settled_within(&[[0, 0], [1, 0]], &[true]);
+    assert!(matches!(answer, Quiet::Working(busy, _) if busy[0].in_hand == 1));
+    let (answer, ..) = settled_within(&[[0, 0]], &[false]);
+    assert!(matches!(answer, Quiet::Unknown(doubts) if doubts[0].missing == 0));
 }
 
 #[test]
@@ -327,7 +379,7 @@ fn settled(looks: &[[u64; 3]]) -> (Quiet, usize) {
         Ok(Look { endpoints, ..Look::default() })
     };
     let before = Mark { endpoints: vec![publisher(0), subscription(0, 0)] };
-    let answer = settle(&before, &[], look, |_| true).unwrap();
+    let answer = settle(&before, &[], look, &AWAKE).unwrap();
     (answer, read)
 }
 
@@ -370,7 +422,7 @@ fn beside_work(looks: &[[u64; 2]]) -> (Quiet, usize) {
         read += 1;
         Ok(Look { endpoints: of(published, taken), ..Look::default() })
     };
-    let answer = settle(&before, &[], look, |_| true).unwrap();
+    let answer = settle(&before, &[], look, &AWAKE).unwrap();
     (answer, read)
 }
 
