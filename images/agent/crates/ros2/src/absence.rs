@@ -10,6 +10,15 @@ pub(crate) const RENEWED: Duration = Duration::from_millis(300);
 /// after a machine stood still is not enough.
 pub(crate) const BY_THE_CLOCK: Duration = Duration::from_millis(250);
 
+/// Of the time between two looks, which are every 20 ms, so much counts: we may have stood still.
+pub(crate) const LOOK: Duration = Duration::from_millis(40);
+
+/// What counts of the time between two looks for who waits for others: where the whole machine
+/// stood still, none of them had the rest of it either.
+pub(crate) fn counted(passed: Duration) -> Duration {
+    passed.min(LOOK)
+}
+
 /// For how long somebody is away, at the looks that were taken.
 #[derive(Debug)]
 pub(crate) struct Absence {

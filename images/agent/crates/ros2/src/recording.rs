@@ -9,13 +9,13 @@ use std::time::{Duration, Instant};
 use bagpipe_graph::{Incoming, Publisher, Sink};
 use bagpipe_ros2player::{Qos, Received, SubscriptionId};
 
+use crate::absence::counted;
 use crate::accounts::Accounts;
 use crate::acquaintance::Acquaintance;
 use crate::arrivals::Arrivals;
 use crate::clock::source_now;
 use crate::life::LifeCycles;
 use crate::other_types::OtherTypes;
-use crate::stillness::counted;
 use crate::topic::Means;
 use crate::unnamed::Unnamed;
 

@@ -29,15 +29,6 @@ const COMES_BACK: Duration = Duration::from_millis(100);
 /// How often, and after how long, it is asked again whether a thread sleeps that has come back from a callback.
 const ASKED: u32 = 10;
 const SOON: Duration = Duration::from_micros(200);
-/// Of the time between two looks, which are every 20 ms, so much counts: we may have stood still.
-pub(crate) const LOOK: Duration = Duration::from_millis(40);
-
-/// What counts of the time between two looks for who waits for others: where the whole machine
-/// stood still, none of them had the rest of it either.
-pub(crate) fn counted(passed: Duration) -> Duration {
-    passed.min(LOOK)
-}
-
 /// What moves a stack on.
 const EVENTS: [Event; 3] = [Event::Taken, Event::Ended, Event::Published];
 

@@ -10,9 +10,9 @@ use bagpipe_ros2ledger::{Endpoint, Kind, Strength, Unlisted};
 use bagpipe_ros2player::GraphNode;
 
 use super::Graph;
+use crate::absence::counted;
 use crate::error::failed;
 use crate::seen::state;
-use crate::stillness::counted;
 use crate::topic::{Look, PLAYER, Topic, uncounted};
 
 /// How long an endpoint may be in the graph before its process has listed it: a moment, unless that

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use bagpipe_ros2ledger::Awake;
 
-use super::counted;
+use crate::absence::counted;
 
 /// What was seen since something is in doubt.
 #[derive(Default)]

@@ -11,11 +11,11 @@ use bagpipe_ros2player::{Durability, History, Reliability};
 
 use super::look::{Look, Owner};
 use super::{Looked, Topic};
+use crate::absence::LOOK;
 use crate::absence::{Absence, BY_THE_CLOCK, RENEWED};
 use crate::link::{Link, Totals};
 use crate::qos::incompatible;
 use crate::seen::is_of_command_line;
-use crate::stillness::LOOK;
 use crate::subscriptions::Subscriptions;
 use crate::unreported::Unreported;
 
