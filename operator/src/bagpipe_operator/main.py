@@ -117,8 +117,10 @@ async def run(settings: Settings) -> None:
         answers = serve.answers(health, metrics)
         runner = await serve.start(answers, settings.listen_host, settings.listen_port)
         stack.push_async_callback(runner.cleanup)
-        await wait_until_watchable(api, settings)
+        forbidden = await wait_until_watchable(api, settings)
         namespaces = settings.watch_namespaces or (None,)
+        census = Census(view, queue, api.job_uids, namespaces, unlisted=forbidden)
+        metrics.unlisted_namespaces.set_function(lambda: len(census.unlisted))
         at_work = partial(
             work, reconcile=reconciler.reconcile, metrics=metrics, leads=fence.leads,
             called=view.called,
@@ -129,7 +131,7 @@ async def run(settings: Settings) -> None:
         running = (
             sweeper.run(),
             election.run(),
-            Census(view, queue, api.job_uids, namespaces).run(),
+            census.run(),
             schedules.census(api.schedule_uids, namespaces).run(),
             inquiry.run(),
             *(at_work(queue, passed_on=large.take) for _ in range(settings.workers)),
@@ -139,7 +141,7 @@ async def run(settings: Settings) -> None:
         health.watching = True
         logger.info("watching %s", ", ".join(settings.watch_namespaces) or "all namespaces")
         try:
-            handlers = watch.registry(watch.Watch(view, queue, metrics))
+            handlers = watch.registry(watch.Watch(view, queue, metrics), settings.watch_namespaces)
             if settings.kueue:
                 register_workloads(handlers, WorkloadWatch(workloads, queue, metrics))
             await _watch(schedules.register(handlers), settings)
@@ -191,23 +193,41 @@ def uses_proxy(environment: Mapping[str, str]) -> bool:
     return any(environment.get(name) for name in PROXY_VARIABLES)
 
 
-async def wait_until_watchable(api: KubernetesKueueApi, settings: Settings) -> None:
+async def wait_until_watchable(
+    api: KubernetesKueueApi, settings: Settings
+) -> frozenset[str | None]:
     """Returns once jobs, schedules and pods can be listed; raises the last ApiError in the end.
 
-    kopf looks for the resource once, at its start, and would then watch nothing for ever; and it
-    goes on without a word where it lacks the right to watch.
+    kopf looks for the resource once, at its start, and would then watch nothing for ever. One
+    namespace where it may list is enough to begin: those without rights are returned, and are
+    watched as soon as there are some.
     """
     deadline = asyncio.get_running_loop().time() + WATCHABLE_SECONDS
     while True:
         try:
-            for namespace in settings.watch_namespaces or (None,):
-                await api.check_watchable(namespace)
-                if settings.kueue:
-                    await api.check_queues(namespace)
+            forbidden = await _forbidden(api, settings)
         except ApiError as error:
             if asyncio.get_running_loop().time() > deadline:
                 raise
             logger.warning("what the operator watches can't be watched yet: %s", error)
         else:
-            return
+            for namespace, refusal in forbidden.items():
+                logger.error("namespace %s can't be watched: %s", namespace, refusal)
+            return frozenset(forbidden)
         await asyncio.sleep(WATCHABLE_POLL_SECONDS)
+
+
+async def _forbidden(api: KubernetesKueueApi, settings: Settings) -> Mapping[str | None, ApiError]:
+    """The namespaces that the operator has no rights in; raises ApiError where it has none in any,
+    or any call fails for another reason."""
+    namespaces, refused = settings.watch_namespaces or (None,), dict[str | None, ApiError]()
+    for namespace in namespaces:
+        try:
+            await api.check_watchable(namespace)
+            if settings.kueue:
+                await api.check_queues(namespace)
+        except ApiError as error:
+            refused[namespace] = error
+            if error.status != 403 or len(refused) == len(namespaces):
+                raise
+    return refused

@@ -184,6 +184,35 @@ async def test_the_crd_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
     ]
 
 
+FORBIDDEN = (403, {"kind": "Status", "reason": "Forbidden", "message": "no RoleBinding"})
+
+
+async def _without_rights_in_lanes(request: web.Request) -> web.Response:
+    if "/namespaces/lanes/" in request.path:
+        return web.json_response(FORBIDDEN[1], status=FORBIDDEN[0])
+    return web.json_response({"items": []})
+
+
+async def test_a_namespace_without_rights_holds_up_no_other(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Its administrator has taken the RoleBinding away, or it was deleted."""
+    monkeypatch.setattr(main, "WATCHABLE_SECONDS", 0.05)
+    monkeypatch.setattr(main, "WATCHABLE_POLL_SECONDS", 0.01)
+    async with server(_without_rights_in_lanes) as api:
+        settings = Settings(watch_namespaces=("lanes", "maps"))
+        assert await main.wait_until_watchable(api, settings) == {"lanes"}
+    assert "namespace lanes can't be watched: 403 Forbidden: no RoleBinding" in caplog.text
+
+
+async def test_without_rights_anywhere_the_operator_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(main, "WATCHABLE_SECONDS", 0.05)
+    monkeypatch.setattr(main, "WATCHABLE_POLL_SECONDS", 0.01)
+    async with server(Recorder(FORBIDDEN).answer) as api:
+        with pytest.raises(ApiError, match="no RoleBinding"):
+            await main.wait_until_watchable(api, Settings(watch_namespaces=("lanes", "maps")))
+
+
 async def test_kueue_is_waited_for_where_it_is_wanted() -> None:
     recorder = Recorder((200, {"items": []}))
     async with server(recorder.answer) as api:

@@ -1,6 +1,6 @@
 """Jobs that went while nobody watched are forgotten, and no other."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 
 import pytest
@@ -25,10 +25,13 @@ class Register:
     there: dict[str | None, set[str]]
     created: list[str] = field(default_factory=list)
     fault: ApiError | None = None
+    forbidden: set[str | None] = field(default_factory=set)
 
     async def job_uids(self, namespace: str | None) -> set[str]:
         if self.fault:
             raise self.fault
+        if namespace in self.forbidden:
+            raise ApiError(403, "Forbidden", "no RoleBinding")
         for name in self.created:
             self.view.put_job(make_job(name).view())
         return self.there[namespace]
@@ -95,6 +98,36 @@ async def test_a_list_that_fails_forgets_nobody() -> None:
     with pytest.raises(ApiError):
         await Census(view, WorkQueue(), register.job_uids, (None,)).count()
     assert known(view) == ["here"]
+
+
+async def test_a_namespace_that_can_t_be_listed_keeps_its_jobs_and_no_others() -> None:
+    """Its RoleBinding is gone: what it has is not known, what others have is."""
+    view, queue = viewing("gone"), WorkQueue()
+    view.put_job(replace(make_job("unknown").view(), namespace="drives"))
+    for name in ("unknown", "orphan"):
+        view.put_pod(replace(make_driver(name).view(), namespace="drives"))
+    register = Register(view, {"lanes": set()}, forbidden={"drives"})
+    census = Census(view, queue, register.job_uids, ("drives", "lanes"))
+    assert (await census.count(), known(view)) == (1, ["unknown"])
+    assert sorted(pod.name for pod in view.all_pods()) == ["orphan-1-driver", "unknown-1-driver"]
+    assert census.unlisted == {"drives"}
+    register.there["drives"], register.forbidden = set(), set()
+    assert (await census.count(), known(view)) == (2, [])
+    assert census.unlisted == set()
+
+
+async def test_schedules_of_a_namespace_that_can_t_be_listed_stay() -> None:
+    view, schedule = Schedules(), make_schedule()
+    view.put_schedule(ScheduleView.from_object(schedule))
+
+    async def register(namespace: str | None) -> set[str]:
+        if namespace == schedule["metadata"]["namespace"]:
+            raise ApiError(403, "Forbidden", "no RoleBinding")
+        return set()
+
+    namespaces = (schedule["metadata"]["namespace"], "maps")
+    assert await Census(view, WorkQueue(), register, namespaces).count() == 0
+    assert view.schedule(UID) is not None
 
 
 async def test_a_schedule_that_is_gone_is_forgotten() -> None:

@@ -1,5 +1,6 @@
 """What kopf delivers reaches the view and the queue; and kopf's settings are what we rely on."""
 
+from itertools import islice
 from typing import Any
 
 import kopf
@@ -88,6 +89,22 @@ def test_kopf_keeps_no_copy_of_objects() -> None:
     body: Any = {"metadata": {}, "spec": {"source": {}}}
     assert storage.build(body=body, extra_fields=()) == {}
     assert storage.fetch(body=body) is None
+
+
+def test_a_watch_without_rights_ends_no_operator_of_several_namespaces() -> None:
+    """kopf ends as a whole when it gives up one call."""
+    settings = kopf.OperatorSettings()
+    watch.apply(settings, ("lanes", "maps"))
+    pauses: Any = settings.networking.error_backoffs
+    for _ in range(2):  # each call has them from the first one on
+        assert list(islice(pauses, 7)) == [1, 2, 5, 10, 30, 30, 30]
+
+
+@pytest.mark.parametrize("namespaces", [(), ("lanes",)])
+def test_where_nothing_can_be_watched_the_operator_ends(namespaces: tuple[str, ...]) -> None:
+    settings = kopf.OperatorSettings()
+    watch.apply(settings, namespaces)
+    assert settings.networking.error_backoffs == (1, 2, 5, 10, 30)
 
 
 def test_kopf_writes_nothing_and_sees_only_labelled_pods() -> None:

@@ -437,6 +437,12 @@ class View:
         owners = (uid for uid in self._pods.owners() if uid not in self._guests)
         return list(dict.fromkeys((*self._jobs, *owners)))
 
+    def namespaces_of(self, uid: str) -> set[str]:
+        """Where a job is, and the pods that were made for it, as their labels say."""
+        job = self._jobs.get(uid)
+        own = {job.namespace} if job is not None else set()
+        return own | {pod.namespace for pod in self._pods.of(uid).values()}
+
     def forget(self, job_uid: str) -> None:
         """Forgets a job that is gone, and its pods; those that still exist are reported again."""
         self.drop_job(job_uid)

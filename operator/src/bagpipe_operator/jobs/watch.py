@@ -6,8 +6,9 @@ events) is switched off.
 """
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import repeat
 from typing import Any
 
 import kopf
@@ -76,8 +77,16 @@ class NoDiffBase(kopf.DiffBaseStorage):
         """Writes nothing."""
 
 
-def registry(watch: Watch) -> kopf.OperatorRegistry:
-    """The handlers, in a registry of their own."""
+class WithoutEnd:
+    """kopf's pauses between tries of one call, of which the last one is repeated."""
+
+    def __iter__(self) -> Iterator[float]:
+        yield from SYSTEM_ERRORS_SECONDS
+        yield from repeat(SYSTEM_ERRORS_SECONDS[-1])
+
+
+def registry(watch: Watch, namespaces: Sequence[str] = ()) -> kopf.OperatorRegistry:
+    """The handlers, in a registry of their own; none of `namespaces` means all."""
     handlers = kopf.OperatorRegistry()
 
     # kopf asks again when a token has expired; a pod's token is renewed in its file.
@@ -92,7 +101,7 @@ def registry(watch: Watch) -> kopf.OperatorRegistry:
 
     @kopf.on.startup(registry=handlers)
     async def configure(settings: kopf.OperatorSettings, **_: Any) -> None:
-        apply(settings)
+        apply(settings, namespaces)
 
     @kopf.on.event(names.GROUP, names.VERSION, names.PLURAL, registry=handlers)
     async def on_job(event: Any, **_: Any) -> None:
@@ -111,7 +120,7 @@ def in_cluster(environment: Mapping[str, str]) -> bool:
     return "KUBECONFIG" not in environment and "KUBERNETES_SERVICE_HOST" in environment
 
 
-def apply(settings: kopf.OperatorSettings) -> None:
+def apply(settings: kopf.OperatorSettings, namespaces: Sequence[str] = ()) -> None:
     """kopf's settings, with the reason for each."""
     # Discovery at start is enough, and needs no right to watch CRDs and namespaces.
     settings.scanning.disabled = True
@@ -127,7 +136,10 @@ def apply(settings: kopf.OperatorSettings) -> None:
     settings.queueing.idle_timeout = 0.1
     settings.watching.connect_timeout = 10
     settings.networking.request_timeout = 60
-    settings.networking.error_backoffs = SYSTEM_ERRORS_SECONDS
+    # A watch that is given up ends the operator. Where it has no rights in one of several
+    # namespaces, that one's watch waits for some, and the others' go on.
+    several = len(namespaces) > 1
+    settings.networking.error_backoffs = WithoutEnd() if several else SYSTEM_ERRORS_SECONDS
     # Should kopf ever want to write, then at least under our own name.
     settings.persistence.finalizer = f"{names.GROUP}/finalizer"
     settings.persistence.progress_storage = kopf.AnnotationsProgressStorage(prefix=names.GROUP)

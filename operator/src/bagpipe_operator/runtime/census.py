@@ -6,7 +6,7 @@ gauges.
 
 import asyncio
 import logging
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Sequence, Set
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -24,6 +24,9 @@ class Seen(Protocol):
     def uids(self) -> list[str]:
         """Of all that are known."""
 
+    def namespaces_of(self, uid: str) -> set[str]:
+        """Where one was seen, or what belongs to it."""
+
     def forget(self, uid: str) -> None:
         """One is gone."""
 
@@ -38,21 +41,39 @@ class Census:
     register: Callable[[str | None], Awaitable[set[str]]]
     namespaces: Sequence[str | None]
     period_seconds: float = PERIOD_SECONDS
+    # The namespaces of which the last list failed.
+    unlisted: Set[str | None] = frozenset()
 
     async def count(self) -> int:
-        """One comparison; how many were forgotten. Raises ApiError."""
+        """One comparison; how many were forgotten. Raises ApiError where no list was answered."""
         # Known before the list begins, so that what is created meanwhile is not missed in it.
         known = self.view.uids()
-        there: set[str] = set()
-        for namespace in self.namespaces:
-            there |= await self.register(namespace)
-        gone = [uid for uid in known if uid not in there]
+        there = await self._there()
+        missing = (uid for uid in known if uid not in there)
+        # Of a namespace without a list nothing is known.
+        gone = [uid for uid in missing if not self.view.namespaces_of(uid) & self.unlisted]
         for uid in gone:
             self.view.forget(uid)
             self.queue.forget(uid)
             # A visit of what is not there forgets all else that is known of it.
             self.queue.add(uid)
         return len(gone)
+
+    async def _there(self) -> set[str]:
+        """The UIDs of all that there are, but for the namespaces that are unlisted from now on."""
+        there: set[str] = set()
+        failed: dict[str | None, ApiError] = {}
+        for namespace in self.namespaces:
+            try:
+                there |= await self.register(namespace)
+            except ApiError as error:
+                failed[namespace] = error
+        self.unlisted = failed.keys()
+        if len(failed) == len(self.namespaces):
+            raise next(iter(failed.values()))
+        for namespace, refusal in failed.items():
+            logger.warning("of namespace %s nothing is known: %s", namespace, refusal)
+        return there
 
     async def run(self) -> None:
         """Compares until cancelled."""

@@ -57,6 +57,12 @@ class Metrics:
             ["kind"],
             registry=self.registry,
         )
+        self.unlisted_namespaces = Gauge(
+            "bagpipe_unlisted_namespaces",
+            "Watched namespaces of which the last list of all jobs failed, as where the operator "
+            "has no rights: nothing is done for their jobs, and those of others go on.",
+            registry=self.registry,
+        )
 
     def _count_calls(self) -> None:
         self._calls = Counter(

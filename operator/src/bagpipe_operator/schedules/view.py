@@ -185,6 +185,12 @@ class Schedules:
         """Of all known schedules, and of others of which a job or a run that passed is known."""
         return list(dict.fromkeys((*self._schedules, *self._jobs.owners(), *self._passed)))
 
+    def namespaces_of(self, uid: str) -> set[str]:
+        """Where a schedule is, and the jobs that call it their owner."""
+        schedule = self._schedules.get(uid)
+        own = {schedule.namespace} if schedule is not None else set()
+        return own | {job.namespace for job in self._jobs.of(uid).values()}
+
     def put_schedule(self, schedule: ScheduleView) -> bool:
         """Keeps a schedule unless something newer is known; says whether it was kept."""
         known = self._schedules.get(schedule.uid)

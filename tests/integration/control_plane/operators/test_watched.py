@@ -12,6 +12,8 @@ from tests.integration.control_plane.observe import children as made_in
 from tests.integration.control_plane.observe import create_jobs, expected_children, statuses
 from tests.integration.control_plane.operator_process import OperatorProcess
 from tests.integration.control_plane.release import (
+    COLLECTIONS,
+    OPERATOR,
     Installation,
     apply_chart,
     fresh_namespace,
@@ -22,6 +24,8 @@ from tests.integration.control_plane.test_rights import PODS, await_rights, of_a
 from tests.waiting import PATIENCE, wait_until
 
 pytestmark = pytest.mark.integration
+
+ROLE_BINDINGS = COLLECTIONS["RoleBinding"]
 
 
 @pytest.fixture
@@ -55,6 +59,32 @@ def narrow_operator(
     process.kill()
 
 
+@pytest.fixture
+def of_two(
+    control_plane: ControlPlane, tmp_path: Path, namespace: str, elsewhere: str
+) -> Iterator[Installation]:
+    """A release with two namespaces of jobs."""
+    both = json.dumps([namespace, elsewhere])
+    with installed(control_plane, tmp_path, [f"jobNamespaces={both}"], watched=namespace) as made:
+        yield made
+
+
+@pytest.fixture
+def operator_of_two(
+    of_two: Installation, namespace: str, elsewhere: str, tmp_path: Path
+) -> Iterator[OperatorProcess]:
+    """Its operator, not yet started."""
+    environment = {
+        "BAGPIPE_LEASE_NAMESPACE": of_two.namespace,
+        "BAGPIPE_WATCH_NAMESPACES": f"{elsewhere},{namespace}",
+    }
+    process = OperatorProcess(
+        of_two.kubeconfig, tmp_path / "two.log", environment, of_two.forget_lease
+    )
+    yield process
+    process.kill()
+
+
 @pytest.mark.usefixtures("narrow_operator")
 def test_jobs_run_in_the_namespaces_of_jobs_and_others_are_not_looked_at(
     admin: Client, namespace: str, elsewhere: str
@@ -65,6 +95,31 @@ def test_jobs_run_in_the_namespaces_of_jobs_and_others_are_not_looked_at(
     wait_until(lambda: made_in(admin, namespace) == wanted, PATIENCE, "the job has no driver")
     assert statuses(admin, elsewhere) == {"unseen": {}}
     assert made_in(admin, elsewhere) == expected_children([])
+
+
+def test_a_namespace_without_rights_holds_up_no_other_and_goes_on_when_it_has_some(
+    admin: Client, namespace: str, elsewhere: str, operator_of_two: OperatorProcess
+) -> None:
+    """Whoever administers a namespace may delete the RoleBinding there."""
+    bindings = ROLE_BINDINGS.format(namespace=elsewhere)
+    binding = next(
+        each for each in admin.items(bindings)
+        if any(subject["name"] == OPERATOR for subject in each["subjects"])
+    )  # fmt: skip
+    name = binding["metadata"]["name"]
+    admin.delete(f"{bindings}/{name}")
+    operator_of_two.start()
+    create_jobs(admin, namespace, ["here"])
+    create_jobs(admin, elsewhere, ["there"])
+    wanted = expected_children(["here"])
+    wait_until(lambda: made_in(admin, namespace) == wanted, PATIENCE, "the job has no driver")
+    assert operator_of_two.metric("bagpipe_unlisted_namespaces") == 1.0
+    assert f"namespace {elsewhere} can't be watched" in operator_of_two.logged()
+    assert statuses(admin, elsewhere) == {"there": {}}
+    admin.create(bindings, {**binding, "metadata": {"name": name}})
+    moved = "the job of the namespace that has its rights again was not looked at"
+    wait_until(lambda: statuses(admin, elsewhere)["there"] != {}, 2 * PATIENCE, moved)
+    assert operator_of_two.ended() is None
 
 
 def test_a_namespace_is_made_ready_without_touching_the_release(
