@@ -16,6 +16,7 @@ from bagpipe_operator.api.kept_spec import packed, scalars, what_decides
 from bagpipe_operator.api.nesting import bounded
 from bagpipe_operator.api.objects import Json, is_older
 from bagpipe_operator.api.runs import schedule_of
+from bagpipe_operator.cluster.departed import Departed
 from bagpipe_operator.cluster.kept_once import KeptOnce
 from bagpipe_operator.cluster.large_objects import TRIMMED, is_large
 from bagpipe_operator.jobs.claim import Claim, driver_name, taken
@@ -277,6 +278,7 @@ class View:
         # Of those the one that counts, with its claim's attempt, as far as it has been looked for.
         self._last_guests: dict[str, tuple[str, int] | None] = {}
         self._pooled: dict[str, set[str]] = {}  # by namespace
+        self._departed = Departed()
 
     def job(self, uid: str) -> JobView | None:
         """The job, or None when it is gone or was never seen."""
@@ -388,11 +390,13 @@ class View:
         return next(found, None)
 
     def put_job(self, job: JobView) -> bool:
-        """Keeps a job unless something newer is known; says whether it was kept.
+        """Keeps a job unless it is gone or something newer is known; says whether it was kept.
 
         The answer to our own PATCH usually arrives before the watch has caught up with it.
         """
         known = self._jobs.get(job.uid)
+        if job.uid in self._departed:
+            return False
         if known and is_older(job.resource_version, known.resource_version):
             return False
         if job.finished:
@@ -426,9 +430,10 @@ class View:
                 del self._guests[claim.uid]
 
     def drop_job(self, uid: str) -> None:
-        """Forgets a job; its pods are forgotten when their own deletion arrives."""
+        """Forgets a job for good; its pods are forgotten when their own deletion arrives."""
         self._leave_pool(uid)
-        self._jobs.pop(uid, None)
+        if self._jobs.pop(uid, None) is not None:  # else its UID is a label that anybody may write
+            self._departed.add(uid)
         self._gone.pop(uid, None)
 
     def uids(self) -> list[str]:

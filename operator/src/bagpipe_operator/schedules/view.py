@@ -13,6 +13,7 @@ from bagpipe_operator.api.nesting import DEEPEST, bounded
 from bagpipe_operator.api.objects import Json, is_older
 from bagpipe_operator.api.pool_driver import own_driver_in_pool
 from bagpipe_operator.api.runs import PassedRun, controller_of, passed_run, run_of
+from bagpipe_operator.cluster.departed import Departed
 from bagpipe_operator.cluster.kept_once import KeptOnce
 from bagpipe_operator.cluster.large_objects import is_large
 
@@ -162,6 +163,7 @@ class Schedules:
         self._jobs = KeptOnce[ScheduledJob](lambda job: job.schedule_uid)
         # A job that passed may be gone before its schedule is looked at, as by ttlAfterFinished.
         self._passed: dict[str, dict[str, PassedRun]] = {}
+        self._departed = Departed()
 
     def schedule(self, uid: str) -> ScheduleView | None:
         """The schedule, or None when it is gone or was never seen."""
@@ -192,16 +194,19 @@ class Schedules:
         return own | {job.namespace for job in self._jobs.of(uid).values()}
 
     def put_schedule(self, schedule: ScheduleView) -> bool:
-        """Keeps a schedule unless something newer is known; says whether it was kept."""
+        """Keeps a schedule unless it is gone or something newer is known; says whether it was."""
         known = self._schedules.get(schedule.uid)
+        if schedule.uid in self._departed:
+            return False
         if known and is_older(schedule.resource_version, known.resource_version):
             return False
         self._schedules[schedule.uid] = schedule.kept()
         return True
 
     def drop_schedule(self, uid: str) -> None:
-        """Forgets a schedule; its jobs are forgotten when their own deletion arrives."""
-        self._schedules.pop(uid, None)
+        """Forgets a schedule for good; its jobs are forgotten when their own deletion arrives."""
+        if self._schedules.pop(uid, None) is not None:  # else its UID is what anybody may write
+            self._departed.add(uid)
 
     def forget(self, uid: str) -> None:
         """Forgets a schedule that is gone, and its jobs, which go with it."""
@@ -226,6 +231,8 @@ class Schedules:
         what was before.
         """
         known = self._jobs.known(job)
+        if job.uid in self._departed:
+            return False
         if known is not None and is_older(job.resource_version, known.resource_version):
             return False
         self._jobs.put(job)
@@ -255,6 +262,11 @@ class Schedules:
         if known is not None and known.uid == job.uid:
             self._jobs.take_out(known)
             self._forget_passed_without_jobs(known.schedule_uid)
+
+    def remove_job(self, job: ScheduledJob) -> None:
+        """Forgets a job for good."""
+        self.drop_job(job)
+        self._departed.add(job.uid)
 
     def _forget_passed_without_jobs(self, uid: str) -> None:
         """Owners can be written again, without end."""

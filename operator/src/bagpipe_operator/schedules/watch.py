@@ -38,7 +38,7 @@ class ScheduleWatch:
             self.view.drop_job(job)  # it may have had an owner before
             return  # a label alone makes no schedule's job
         if event["type"] == "DELETED":
-            self.view.drop_job(job)
+            self.view.remove_job(job)
         elif not self.view.put_job(job):
             return  # the job's progress is no matter of its schedule
         if self.view.namespace_of(job.schedule_uid) == job.namespace:

@@ -452,11 +452,7 @@ async def test_a_stale_schedule_starts_nothing() -> None:
     """The user suspended it, and the watch has not delivered that yet."""
     world = World()
     await world.at(0, 45)
-    stale = world.view.schedule(UID)
-    assert stale is not None
-    world.change(suspend=True)
-    world.view.drop_schedule(UID)
-    world.view.put_schedule(stale)
+    world.change_unseen(suspend=True)
     await world.at(1)
     assert world.names == []
     assert world.condition("Suspended") == ("True", "SuspendedBySpec")

@@ -198,14 +198,18 @@ class World:
         await self.reconciler.reconcile(UID)
 
     def change(self, **spec: Any) -> None:
-        """The user edits the schedule."""
+        """The user edits the schedule, and the watch delivers it."""
+        self.change_unseen(**spec)
+        self.deliver()
+
+    def change_unseen(self, **spec: Any) -> None:
+        """The user edits the schedule, and the watch is late."""
         assert self.api.schedule is not None
         self.api.schedule["spec"] |= spec
         meta = self.api.schedule["metadata"]
         meta["generation"] += 1
         self.api.version += 1
         meta["resourceVersion"] = str(self.api.version)
-        self.deliver()
 
     def end(self, name: str, how: str = "Complete", at: str = "2026-11-20T04:30:00Z") -> None:
         """A job ends, and the watch says so."""
