@@ -141,8 +141,10 @@ class Reconciler:
         if await self._observer.was_behind(seen):
             return job  # the next visit decides by what is known now
         status = decide(seen, self.now(), self.settings.stuck_seconds)
-        await self._removal.of_earlier_attempts(job)
         written = await self._writer.write(job, status)
+        # What is known of the job is reported also where no pod can be deleted.
+        if written is not None and not written.finished:
+            await self._removal.of_earlier_attempts(job)
         halted = written is not None and not written.finished and seen.halt is not None
         if written is not None and halted and await self._removal.gracefully(written):
             self._forget(written.uid)
@@ -165,7 +167,8 @@ class Reconciler:
 
     async def _stop_leftovers(self, job: JobView) -> None:
         """Deletes the pods of an ended job that have not ended themselves, unless they wait for the
-        next one."""
+        next one: those of earlier attempts never do."""
+        await self._removal.of_earlier_attempts(job)
         left = self._removal.left_of(job)
         if not left:
             self._warm.forget_driver(job.uid)
