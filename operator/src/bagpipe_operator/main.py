@@ -5,7 +5,7 @@ import gc
 import logging
 import os
 import sys
-from collections.abc import AsyncIterator, Mapping, Sequence
+from collections.abc import AsyncIterator, Coroutine, Mapping, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
 from functools import partial
 from typing import Any
@@ -137,17 +137,32 @@ async def run(settings: Settings) -> None:
             *(at_work(queue, passed_on=large.take) for _ in range(settings.workers)),
             at_work(large.queue),
         )
+        handlers = watch.registry(watch.Watch(view, queue, metrics), settings.watch_namespaces)
+        if settings.kueue:
+            register_workloads(handlers, WorkloadWatch(workloads, queue, metrics))
         tasks = [*map(asyncio.create_task, running), *schedules.start(), *courier.tasks()]
         health.watching = True
         logger.info("watching %s", ", ".join(settings.watch_namespaces) or "all namespaces")
         try:
-            handlers = watch.registry(watch.Watch(view, queue, metrics), settings.watch_namespaces)
-            if settings.kueue:
-                register_workloads(handlers, WorkloadWatch(workloads, queue, metrics))
-            await _watch(schedules.register(handlers), settings)
+            await run_together(_watch(schedules.register(handlers), settings), tasks)
         finally:
-            await _end(tasks)
             await election.release()  # only now: what was under way has ended
+
+
+async def run_together(
+    watches: Coroutine[None, None, None], beside: Sequence[asyncio.Task[None]]
+) -> None:
+    """Runs until the watches end by a signal; raises what ended them, or a task beside them.
+
+    None of those ends by itself. Without one the operator would look alive and leave out a part.
+    """
+    tasks = [*beside, asyncio.create_task(watches)]
+    try:
+        ended, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        for task in ended:
+            task.result()
+    finally:
+        await _end(tasks)
 
 
 async def _end(tasks: Sequence[asyncio.Task[None]]) -> None:

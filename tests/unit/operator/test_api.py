@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from aiohttp import web
 from kubernetes.aio.client import ApiClient, Configuration
+from kubernetes.aio.config import ConfigException
 
 from bagpipe_operator import main
 from bagpipe_operator.cluster.client import ApiError
@@ -274,3 +275,28 @@ async def test_an_answer_that_is_no_json_is_a_fault_of_the_call() -> None:
     async with server(recorder.answer) as api:
         with pytest.raises(ApiError, match=r"Unreadable.*hello"):
             await api.get_job("lanes", "x")
+
+
+@pytest.mark.parametrize("answer", [[], "text", 7, None])
+async def test_an_answer_that_is_no_object_is_a_fault_of_the_call(answer: object) -> None:
+    async with server(Recorder((200, json.dumps(answer))).answer) as api:
+        with pytest.raises(ApiError, match="Unreadable"):
+            await api.job_uids("lanes")
+
+
+@pytest.mark.parametrize(
+    "fault", [ConfigException("Token file exists but empty."), FileNotFoundError("token")]
+)
+async def test_a_token_that_can_t_be_read_is_a_fault_of_the_call(fault: Exception) -> None:
+    """The kubelet writes a new one every hour, and the client reads it before a call."""
+
+    async def renew(_: object) -> None:
+        raise fault
+
+    configuration: Any = Configuration(host="http://127.0.0.1:1")
+    configuration.refresh_api_key_hook = renew
+    configuration.api_key["BearerToken"] = "of before"
+    async with ApiClient(configuration=configuration) as client:
+        with pytest.raises(ApiError, match=str(fault)) as caught:
+            await KubernetesKueueApi(client, 60.0).get_job("lanes", "x")
+    assert (caught.value.status, caught.value.reason) == (0, "Unreachable")

@@ -1,5 +1,6 @@
 """Jobs that went while nobody watched are forgotten, and no other."""
 
+import asyncio
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 
@@ -15,6 +16,7 @@ from bagpipe_operator.schedules.view import ScheduledJob, Schedules, ScheduleVie
 from tests.unit.operator.builders import make_driver, make_job
 from tests.unit.operator.schedules.world import UID, World, make_schedule, name_of
 from tests.unit.operator.schedules.world import make_job as made_by_schedule
+from tests.waiting import PATIENCE
 
 
 @dataclass
@@ -98,6 +100,24 @@ async def test_a_list_that_fails_forgets_nobody() -> None:
     with pytest.raises(ApiError):
         await Census(view, WorkQueue(), register.job_uids, (None,)).count()
     assert known(view) == ["here"]
+
+
+@pytest.mark.parametrize(
+    "fault", [ApiError(410, "Expired", "the continue token is too old"), RuntimeError("a bug")]
+)
+async def test_a_fault_ends_no_census(fault: Exception) -> None:
+    view, queue, faults = viewing("gone"), WorkQueue(), [fault]
+
+    async def register(_: str | None) -> set[str]:
+        if faults:
+            raise faults.pop()
+        return set()
+
+    running = asyncio.create_task(Census(view, queue, register, (None,), period_seconds=0).run())
+    async with asyncio.timeout(PATIENCE):
+        assert await queue.get() == "uid-of-gone"
+    running.cancel()
+    assert known(view) == []
 
 
 async def test_a_namespace_that_can_t_be_listed_keeps_its_jobs_and_no_others() -> None:

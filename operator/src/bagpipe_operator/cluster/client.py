@@ -11,6 +11,7 @@ from typing import Any, Protocol
 import aiohttp
 from kubernetes.aio.client import ApiClient
 from kubernetes.aio.client.exceptions import ApiException
+from kubernetes.aio.config import ConfigException
 
 from bagpipe_operator.api import names
 from bagpipe_operator.api.nesting import loads
@@ -320,28 +321,30 @@ class KubernetesApi:
     ) -> Json:
         client: Any = self._client  # its methods carry no types
         resource, _, query = path.partition("?")
-        request = await client.param_serialize(
-            method=method,
-            resource_path=resource,
-            query_params=[tuple(part.split("=", 1)) for part in query.split("&") if part],
-            header_params=headers,
-            body=body,
-            auth_settings=["BearerToken"],
-        )
         try:
+            request = await client.param_serialize(  # it may read the token's file
+                method=method,
+                resource_path=resource,
+                query_params=[tuple(part.split("=", 1)) for part in query.split("&") if part],
+                header_params=headers,
+                body=body,
+                auth_settings=["BearerToken"],
+            )
             response = await client.call_api(*request, _request_timeout=self._deadline)
             data = await response.read()
         except ApiException as error:
             raise _refusal(error.status or 0, str(error.body or error.reason)) from error
-        except (aiohttp.ClientError, TimeoutError, OSError) as error:
+        except (aiohttp.ClientError, ConfigException, TimeoutError, OSError) as error:
             what = str(error) or type(error).__name__
             raise ApiError(0, "Unreachable", f"{method} {path}: {what}") from error
         if not 200 <= response.status < 300:
             raise _refusal(response.status, data.decode("utf-8", "replace"))
         try:
-            answer: Json = await read_answer(data, written=method == "PATCH")
-        except ValueError as error:
-            raise ApiError(0, "Unreadable", f"{method} {path}: {data[:200]!r}") from error
+            answer = await read_answer(data, written=method == "PATCH")
+        except ValueError:
+            answer = None
+        if not isinstance(answer, dict):
+            raise ApiError(0, "Unreadable", f"{method} {path}: {data[:200]!r}")
         return answer
 
 

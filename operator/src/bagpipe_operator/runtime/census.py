@@ -84,5 +84,9 @@ class Census:
             except ApiError as error:
                 logger.warning("what is gone is looked for later: %s", error)
                 continue
+            except Exception:
+                # A bug met here must not keep what goes later for ever.
+                logger.exception("unexpected fault in looking for what is gone")
+                continue
             if gone:
                 logger.info("%d went without a word of the watch", gone)
