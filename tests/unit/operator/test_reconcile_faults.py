@@ -3,7 +3,7 @@
 import pytest
 
 from bagpipe_operator.cluster.client import ApiError
-from tests.unit.operator.builders import make_driver, make_job
+from tests.unit.operator.builders import account, make_driver, make_job
 from tests.unit.operator.fakes import not_found
 from tests.unit.operator.world import UID, World
 
@@ -26,6 +26,32 @@ async def test_a_job_that_is_gone_is_forgotten() -> None:
     await world.reconcile()
     assert world.view.job(UID) is None
     assert world.api.event_reasons() == []
+
+
+async def test_of_a_job_that_a_write_finds_gone_nothing_is_kept() -> None:
+    """Its deletion fell between two watches: no event brings another visit of it."""
+    world = World()
+    for used in (5, 6):
+        full = f"exceeded quota: pods, used: pods={used}"
+        world.api.fail("create pods", ApiError(403, "Forbidden", full))
+    await world.reconcile()
+    del world.api.objects["jobs", "x"]
+    await world.reconcile(after=4)
+    assert world.view.job(UID) is None
+    assert world.reconciler._warm._crowds.now() == []
+    assert world.reconciler._starts._refusals._held == {}
+    assert world.reconciler._recorder._met == set()
+
+
+async def test_of_a_job_that_its_removal_finds_gone_nothing_is_kept() -> None:
+    world = World(make_job("x").with_spec("ttlAfterFinished", "60s"))
+    await world.reconcile()
+    world.deliver(make_driver("x").ended(0, account("Complete", verdict="Passed")))
+    await world.reconcile()
+    del world.api.objects["jobs", "x"]
+    await world.reconcile(after=60)
+    assert world.view.job(UID) is None
+    assert world.reconciler._recorder._met == set()
 
 
 async def test_a_namesake_is_not_written_to() -> None:

@@ -117,6 +117,7 @@ class Reconciler:
         else:
             job = await self._writer.write(job, acknowledged(job))
         if job is None:
+            self._forget_if_gone(uid)
             return
         if job.finished:
             self.announcer.announce(job)
@@ -194,9 +195,15 @@ class Reconciler:
             if error.status not in {404, 409}:
                 raise
             await self._writer.reread(job)
+            self._forget_if_gone(job.uid)
             return
         self._handover.forget(job.uid)
         self.view.drop_job(job.uid)
+
+    def _forget_if_gone(self, uid: str) -> None:
+        """A call has found no job of that name: where it is gone, no event may say so any more."""
+        if self.view.job(uid) is None:
+            self._forget_gone(uid)
 
     def _forget_gone(self, uid: str) -> None:
         """There is no such job any more; its children go by their ownerReferences."""
