@@ -88,7 +88,9 @@ async def run(settings: Settings) -> None:
     sweeper = Sweeper(view, queue, settings.sweep_seconds, large=large)
     async with AsyncExitStack() as stack:
         client = await stack.enter_async_context(_client())
-        api = KubernetesKueueApi(client, settings.request_seconds, metrics.api_called)
+        api = KubernetesKueueApi(
+            client, settings.request_seconds, metrics.api_called, fence.remaining
+        )
         session = await stack.enter_async_context(aiohttp.ClientSession())
         drivers = ProgressReader(session, settings.progress_seconds, counted=metrics.driver_asked)
         fenced, workloads = FencedKueueApi(api, fence), Workloads()

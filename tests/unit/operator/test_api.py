@@ -40,7 +40,9 @@ class Recorder:
 
 
 @asynccontextmanager
-async def server(handler: Handler, deadline: float = 60.0) -> AsyncIterator[KubernetesKueueApi]:
+async def server(
+    handler: Handler, deadline: float = 60.0, writes_for: Callable[[], float] = lambda: 60.0
+) -> AsyncIterator[KubernetesKueueApi]:
     app = web.Application()
     app.router.add_route("*", "/{tail:.*}", handler)
     runner = web.AppRunner(app)
@@ -48,7 +50,7 @@ async def server(handler: Handler, deadline: float = 60.0) -> AsyncIterator[Kube
     await web.TCPSite(runner, "127.0.0.1", 0).start()
     configuration = Configuration(host=f"http://127.0.0.1:{runner.addresses[0][1]}")
     async with ApiClient(configuration=configuration) as client:
-        yield KubernetesKueueApi(client, deadline)
+        yield KubernetesKueueApi(client, deadline, writes_for=writes_for)
     await runner.cleanup()
 
 
@@ -68,13 +70,13 @@ async def test_the_calls() -> None:
     options = {"apiVersion": "v1", "kind": "DeleteOptions", "preconditions": {"uid": "uid-of-p"}}
     plain, merge = "application/json", "application/merge-patch+json"
     assert recorder.calls == [
-        ("POST", "/api/v1/namespaces/lanes/pods", plain, manifest),
+        ("POST", "/api/v1/namespaces/lanes/pods?timeout=59500ms", plain, manifest),
         ("GET", "/api/v1/namespaces/lanes/configmaps/x-1", None, None),
         ("DELETE", "/api/v1/namespaces/lanes/pods/p", plain, options),
         ("DELETE", "/api/v1/namespaces/lanes/pods/p", plain, options | {"gracePeriodSeconds": 10}),
         ("GET", f"{JOBS}/namespaces/lanes/simulationjobs/x", None, None),
         ("PATCH", f"{JOBS}/namespaces/lanes/simulationjobs/x/status", merge, patch),
-        ("POST", "/api/v1/namespaces/lanes/pods?dryRun=All", plain, manifest),
+        ("POST", "/api/v1/namespaces/lanes/pods?dryRun=All&timeout=59500ms", plain, manifest),
         (
             "GET",
             "/api/v1/namespaces/lanes/events?fieldSelector=involvedObject.uid%3Duid-of-p&limit=100",
@@ -157,7 +159,28 @@ async def test_a_server_that_does_not_answer_is_given_up_at_the_deadline() -> No
         with pytest.raises(ApiError) as caught:
             await api.get("pods", "lanes", "p")
         given_up.set()
-    assert (caught.value.status, caught.value.reason) == (0, "Unreachable")
+    assert (caught.value.status, caught.value.reason) == (0, "Timeout")
+
+
+@pytest.mark.parametrize(
+    ("deadline", "writes_for", "dry_run", "create"),
+    [
+        (10.0, 5.25, "dryRun=All&timeout=9500ms", "timeout=4750ms"),
+        (10.0, 60.0, "dryRun=All&timeout=9500ms", "timeout=9500ms"),
+        # What is given less could not be made by an API server in good health.
+        (1.4, 1.4, "dryRun=All", ""),
+        (10.0, -1.0, "dryRun=All&timeout=9500ms", ""),
+    ],
+)
+async def test_the_api_server_gives_up_a_webhook_before_we_give_up_the_api_server(
+    deadline: float, writes_for: float, dry_run: str, create: str
+) -> None:
+    """Only its own answer names the webhook; and a write is cut when the fence closes."""
+    recorder, manifest = Recorder((200, {})), {"metadata": {"name": "p", "namespace": "lanes"}}
+    async with server(recorder.answer, deadline, lambda: writes_for) as api:
+        await api.try_create("pods", manifest)
+        await api.create("pods", manifest)
+    assert [call[1].partition("?")[2] for call in recorder.calls] == [dry_run, create]
 
 
 async def test_nobody_there() -> None:

@@ -211,6 +211,42 @@ async def test_a_webhook_that_is_down_is_reported_and_the_deadline_counts(call: 
     assert 'webhook "pods.istio.io"' in world.message("Failed")
 
 
+IN_TIME = [
+    ApiError(0, "Timeout", "POST /api/v1/namespaces/lanes/pods: no answer in time."),
+    ApiError(504, "Timeout", "request did not complete within requested timeout."),
+]
+
+
+@pytest.mark.parametrize("call", ["try pods", "create configmaps", "create pods"])
+@pytest.mark.parametrize("error", IN_TIME)
+async def test_a_webhook_that_hangs_is_reported_and_the_deadline_counts(
+    call: str, error: ApiError
+) -> None:
+    world = World(make_job("x").with_spec("startDeadline", "60s"))
+    world.api.fail(call, *[error] * 20)
+    for _ in range(12):
+        await world.reconcile(after=4)
+    assert (world.status()["phase"], world.reason("Accepted")) == (
+        "Pending",
+        "False/CreationRefused",
+    )
+    assert error.message in world.message("Accepted")
+    for _ in range(5):
+        await world.reconcile(after=4)
+    assert world.reason("Failed") == "True/StartDeadlineExceeded"
+
+
+async def test_a_pod_whose_creation_is_not_answered_in_time_is_found() -> None:
+    """The API server may make it all the same: no answer is not a refusal."""
+    world = World()
+    world.api.fail("create pods", IN_TIME[0])
+    await world.reconcile()
+    world.api.put("pods", make_driver("x").running().object())
+    await world.reconcile(after=4)
+    assert world.reason("Accepted") == "True/DriverCreated"
+    assert world.api.named("pods") == ["x-1-driver"]
+
+
 async def test_a_webhook_that_can_t_be_tried_keeps_no_job_from_its_driver() -> None:
     world = World()
     text = 'admission webhook "pods.example" does not support dry run'

@@ -20,6 +20,11 @@ from bagpipe_operator.cluster.large_objects import PAGE, read_answer, trimmed
 
 # The kubelet joins what it repeats, so a pod that starts has about a dozen.
 MOST_EVENTS = 100
+TIMEOUT = "Timeout"
+# How much earlier the API server gives up than we do: its answer has to arrive.
+ANSWER_SECONDS = 0.5
+# One in good health may need as long for a pod.
+SHORTEST_CREATION_SECONDS = 1.0
 _JSON = "application/json"
 _METADATA_ALONE = "application/json;as=PartialObjectMetadataList;g=meta.k8s.io;v=v1"
 
@@ -52,6 +57,11 @@ class ApiError(Exception):
     def webhook_is_down(self) -> bool:
         """Whether an admission webhook does not answer the API server; that may last."""
         return self.status == 500 and "failed calling webhook" in self.message
+
+    @property
+    def timed_out(self) -> bool:
+        """Whether the API server gave no answer in time; it may have done what was asked."""
+        return self.status == 504 or (self.status == 0 and self.reason == TIMEOUT)
 
     @property
     def webhook_is_not_tried(self) -> bool:
@@ -131,19 +141,25 @@ class KubernetesApi:
         client: ApiClient,
         deadline_seconds: float,
         counted: Callable[[str, int, float], None] = lambda _method, _status, _seconds: None,
+        writes_for: Callable[[], float] = lambda: float("inf"),
     ) -> None:
+        """`counted` is called with each call; `writes_for` says after how many seconds a write that
+        begins now is given up."""
         self._client = client
         self._deadline = deadline_seconds
         self._counted = counted
+        self._writes_for = writes_for
 
     async def create(self, resource: str, manifest: Json) -> Json:
         namespace = manifest["metadata"]["namespace"]
-        return await self._call("POST", f"/api/v1/namespaces/{namespace}/{resource}", manifest)
+        query = _given_up_after(min(self._deadline, self._writes_for()))
+        path = f"/api/v1/namespaces/{namespace}/{resource}?{query}"
+        return await self._call("POST", path, manifest)
 
     async def try_create(self, resource: str, manifest: Json) -> None:
         namespace = manifest["metadata"]["namespace"]
-        path = f"/api/v1/namespaces/{namespace}/{resource}?dryRun=All"
-        await self._call("POST", path, manifest)
+        query = f"dryRun=All&{_given_up_after(self._deadline)}"
+        await self._call("POST", f"/api/v1/namespaces/{namespace}/{resource}?{query}", manifest)
 
     async def get(self, resource: str, namespace: str, name: str) -> Json:
         return await self._call("GET", f"/api/v1/namespaces/{namespace}/{resource}/{name}")
@@ -334,7 +350,9 @@ class KubernetesApi:
             data = await response.read()
         except ApiException as error:
             raise _refusal(error.status or 0, str(error.body or error.reason)) from error
-        except (aiohttp.ClientError, ConfigException, TimeoutError, OSError) as error:
+        except TimeoutError as error:
+            raise ApiError(0, TIMEOUT, f"{method} {resource}: no answer in time.") from error
+        except (aiohttp.ClientError, ConfigException, OSError) as error:
             what = str(error) or type(error).__name__
             raise ApiError(0, "Unreachable", f"{method} {path}: {what}") from error
         if not 200 <= response.status < 300:
@@ -346,6 +364,15 @@ class KubernetesApi:
         if not isinstance(answer, dict):
             raise ApiError(0, "Unreadable", f"{method} {path}: {data[:200]!r}")
         return answer
+
+
+def _given_up_after(seconds: float) -> str:
+    """The query by which the API server gives up before we do, after so many seconds.
+
+    It then says so, and names the webhook that it waits for if that is not to be left out.
+    """
+    bound = seconds - ANSWER_SECONDS
+    return f"timeout={1000 * bound:.0f}ms" if bound >= SHORTEST_CREATION_SECONDS else ""
 
 
 def _refusal(status: int, text: str) -> ApiError:

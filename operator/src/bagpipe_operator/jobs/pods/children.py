@@ -146,6 +146,26 @@ def _is_ours(manifest: Json, found: Json) -> bool:
     )
 
 
+def _awaited(error: ApiError, what: str) -> str | None:
+    """What a job waits for whose pod may be created later; None for any other error."""
+    if error.quota_is_full:
+        return (
+            f"The namespace's quota has no room for {what}: {error.message} "
+            "The job starts as soon as it has."
+        )
+    if error.webhook_is_down:
+        return (
+            f"The API server creates {what} only when a webhook answers: {error.message} "
+            "The job starts as soon as it does."
+        )
+    if error.timed_out:
+        return (
+            f"The API server gives no answer in time about {what}, as where an admission webhook "
+            f"hangs: {error.message} The job starts as soon as it does."
+        )
+    return None
+
+
 def _refusal_of(error: ApiError, job: JobView, what: str) -> Refusal | None:
     """The refusal that an error means, or None for a fault that may pass by itself."""
     account = _MISSING_ACCOUNT.search(error.message)
@@ -158,20 +178,9 @@ def _refusal_of(error: ApiError, job: JobView, what: str) -> Refusal | None:
         )
     if error.namespace_ends:
         return None
-    if error.quota_is_full:
-        return Refusal(
-            reasons.QUOTA_EXCEEDED,
-            f"The namespace's quota has no room for {what}: {error.message} "
-            "The job starts as soon as it has.",
-            lasting=False,
-        )
-    if error.webhook_is_down:
-        return Refusal(
-            reasons.CREATION_REFUSED,
-            f"The API server creates {what} only when a webhook answers: {error.message} "
-            "The job starts as soon as it does.",
-            lasting=False,
-        )
+    if (message := _awaited(error, what)) is not None:
+        reason = reasons.QUOTA_EXCEEDED if error.quota_is_full else reasons.CREATION_REFUSED
+        return Refusal(reason, message, lasting=False)
     if error.status in {400, 403, 413, 422} or _NO_NAME in error.message:
         return Refusal(
             reasons.CREATION_REFUSED,

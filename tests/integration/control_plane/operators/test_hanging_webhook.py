@@ -1,0 +1,73 @@
+"""An admission webhook whose backend hangs: a job says so, its deadline counts, and it goes on."""
+
+import contextlib
+import socket
+from collections.abc import Iterator
+
+import pytest
+
+from tests.integration.control_plane.client import Client
+from tests.integration.control_plane.conftest import StartOperator
+from tests.integration.control_plane.observe import children as made_in
+from tests.integration.control_plane.observe import create_jobs, expected_children, statuses
+from tests.waiting import PATIENCE, wait_until
+
+pytestmark = pytest.mark.integration
+
+WEBHOOKS = "/apis/admissionregistration.k8s.io/v1/validatingwebhookconfigurations"
+# The default, and as long as the operator waits for an answer.
+TIMEOUT_SECONDS = 10
+
+
+@contextlib.contextmanager
+def hanging_webhook(
+    admin: Client, namespace: str, failure_policy: str, condition: str
+) -> Iterator[None]:
+    """Pods of a namespace are shown to a server that takes connections and reads nothing."""
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        webhook = {
+            "name": "silent.example.com",
+            "clientConfig": {"url": f"https://127.0.0.1:{silent.getsockname()[1]}/"},
+            "rules": [{
+                "apiGroups": [""], "apiVersions": ["v1"], "operations": ["CREATE"],
+                "resources": ["pods"],
+            }],
+            "namespaceSelector": {"matchLabels": {"kubernetes.io/metadata.name": namespace}},
+            "matchConditions": [{"name": "tried", "expression": condition}],
+            "failurePolicy": failure_policy,
+            "timeoutSeconds": TIMEOUT_SECONDS,
+            "sideEffects": "None",
+            "admissionReviewVersions": ["v1"],
+        }  # fmt: skip
+        path = f"{WEBHOOKS}/{namespace}"
+        admin.create(WEBHOOKS, {"metadata": {"name": namespace}, "webhooks": [webhook]})
+        try:
+            yield
+        finally:
+            admin.delete(path)
+
+
+@pytest.mark.parametrize("failure_policy", ["Fail", "Ignore"])
+@pytest.mark.parametrize(
+    "condition", ["request.dryRun", "!request.dryRun"], ids=["dry-run", "creation"]
+)
+def test_a_job_says_that_a_webhook_hangs_and_starts_when_it_does_not(
+    admin: Client,
+    namespace: str,
+    operator_process: StartOperator,
+    failure_policy: str,
+    condition: str,
+) -> None:
+    operator_process()
+
+    def refused() -> bool:
+        found = statuses(admin, namespace)["x"].get("conditions", [])
+        reasons = {c["reason"]: c["message"] for c in found if c["type"] == "Accepted"}
+        return "webhook" in reasons.get("CreationRefused", "")
+
+    with hanging_webhook(admin, namespace, failure_policy, condition):
+        create_jobs(admin, namespace, ["x"])
+        wait_until(refused, PATIENCE, "the job does not say that a webhook hangs")
+        assert "startTime" in statuses(admin, namespace)["x"]
+    wanted = expected_children(["x"])
+    wait_until(lambda: made_in(admin, namespace) == wanted, PATIENCE, "the job has no driver")
