@@ -173,6 +173,8 @@ class Reconciler:
         left = self._removal.left_of(job)
         if not left:
             self._warm.forget_driver(job.uid)
+            for pod in self._removal.overdue_of(job):
+                await self._lookup.refreshed(pod)  # it may have gone without an event
         elif not await self._warm.keeps(job):
             await self._removal.of_leftovers(left)
 

@@ -15,8 +15,8 @@ from tests.waiting import PATIENCE, wait_until
 pytestmark = pytest.mark.integration
 
 WEBHOOKS = "/apis/admissionregistration.k8s.io/v1/validatingwebhookconfigurations"
-# The default, and as long as the operator waits for an answer.
-TIMEOUT_SECONDS = 10
+# Longer than the operator waits for an answer.
+TIMEOUT_SECONDS = 15
 
 
 @contextlib.contextmanager
