@@ -21,6 +21,7 @@ from bagpipe_operator.cluster.client import ApiError
 from bagpipe_operator.cluster.election import Election, new_identity
 from bagpipe_operator.cluster.fence import Fence
 from bagpipe_operator.cluster.lease import Terms
+from bagpipe_operator.cluster.relists import Relists
 from bagpipe_operator.jobs import watch
 from bagpipe_operator.jobs.announcer import Announcer
 from bagpipe_operator.jobs.driver.offer import DriverOffers
@@ -123,6 +124,12 @@ async def run(settings: Settings) -> None:
         namespaces = settings.watch_namespaces or (None,)
         census = Census(view, queue, api.job_uids, namespaces, unlisted=forbidden)
         metrics.unlisted_namespaces.set_function(lambda: len(census.unlisted))
+        of_schedules = schedules.census(api.schedule_uids, namespaces)
+
+        def look_for_what_went() -> None:
+            census.hasten()
+            of_schedules.hasten()
+
         at_work = partial(
             work, reconcile=reconciler.reconcile, metrics=metrics, leads=fence.leads,
             called=view.called,
@@ -134,12 +141,15 @@ async def run(settings: Settings) -> None:
             sweeper.run(),
             election.run(),
             census.run(),
-            schedules.census(api.schedule_uids, namespaces).run(),
+            of_schedules.run(),
             inquiry.run(),
             *(at_work(queue, passed_on=large.take) for _ in range(settings.workers)),
             at_work(large.queue),
         )
-        handlers = watch.registry(watch.Watch(view, queue, metrics), settings.watch_namespaces)
+        handlers = watch.registry(
+            watch.Watch(view, queue, metrics), settings.watch_namespaces,
+            Relists(look_for_what_went).answered,
+        )  # fmt: skip
         if settings.kueue:
             register_workloads(handlers, WorkloadWatch(workloads, queue, metrics))
         tasks = [*map(asyncio.create_task, running), *schedules.start(), *courier.tasks()]

@@ -14,6 +14,7 @@ from kopf._cogs.clients.api import iter_jsonlines
 
 from bagpipe_operator.api.nesting import is_deep
 from bagpipe_operator.cluster.bounded_session import bounded_connection
+from bagpipe_operator.cluster.relists import Relists
 from tests.unit.operator.test_nesting import nested
 
 DEEP = '{"spec": {"stack": {"parameters": {"/x": ' + nested(1_500) + "}}}}"
@@ -93,3 +94,42 @@ def test_an_error_page_in_another_encoding_is_no_json_and_nothing_worse() -> Non
 
     with pytest.raises(json.JSONDecodeError):
         asyncio.run(answered(page, "/jobs", lambda response: response.json()))
+
+
+LANES = "/apis/sim.bagpipe.io/v1alpha1/namespaces/lanes"
+
+
+async def relists(*calls: tuple[str, int]) -> int:
+    """How many lists of what was listed are noticed in calls with their statuses."""
+    begun, statuses = list[None](), [status for _, status in calls]
+
+    async def answer(_: web.Request) -> web.Response:
+        return web.json_response({"items": []}, status=statuses.pop(0))
+
+    application = web.Application()
+    application.router.add_get("/{tail:.*}", answer)
+    async with TestServer(application) as server:
+        noticed = Relists(lambda: begun.append(None))
+        connection = bounded_connection(login(str(server.make_url("/"))), noticed.answered)
+        async with connection.aiohttp_session as session:
+            for path, _ in calls:
+                async with session.get(server.make_url(path)):
+                    pass
+    return len(begun)
+
+
+@pytest.mark.parametrize("plural", ["simulationjobs", "simulationschedules"])
+async def test_a_second_list_of_a_kind_is_noticed(plural: str) -> None:
+    listed, more = f"{LANES}/{plural}?limit=20", f"{LANES}/{plural}?limit=20&continue=x"
+    watched = f"{LANES}/{plural}?watch=true&resourceVersion=7"
+    once = [(listed, 200), (more, 200), (watched, 200), (watched, 410)]
+    assert await relists(*once) == 0
+    assert await relists(*once, *once) == 1
+
+
+async def test_lists_of_other_kinds_and_places_and_refusals_are_not_noticed() -> None:
+    jobs = f"{LANES}/simulationjobs?limit=20"
+    others = [("/api/v1/pods?limit=20", 200), ("/apis/sim.bagpipe.io/v1alpha1", 200)] * 2
+    elsewhere = [("/apis/sim.bagpipe.io/v1alpha1/namespaces/maps/simulationjobs?limit=20", 200)]
+    # Without rights the list is asked for again and again.
+    assert await relists((jobs, 403), (jobs, 403), (jobs, 200), *elsewhere, *others) == 0

@@ -13,6 +13,7 @@ from bagpipe_operator.jobs.view import View
 from bagpipe_operator.runtime.census import Census
 from bagpipe_operator.runtime.queue import WorkQueue
 from bagpipe_operator.schedules.view import ScheduledJob, Schedules, ScheduleView
+from tests.unit.operator import virtual_time
 from tests.unit.operator.builders import make_driver, make_job
 from tests.unit.operator.schedules.world import UID, World, make_schedule, name_of
 from tests.unit.operator.schedules.world import make_job as made_by_schedule
@@ -118,6 +119,43 @@ async def test_a_fault_ends_no_census(fault: Exception) -> None:
         assert await queue.get() == "uid-of-gone"
     running.cancel()
     assert known(view) == []
+
+
+async def counted_at(relists: list[float], until: float, faults: int = 0) -> list[float]:
+    """When a census counts, for watches that begin again at these moments."""
+    loop, counts, left = asyncio.get_running_loop(), list[float](), [ApiError(0, "", "")] * faults
+
+    async def register(_: str | None) -> set[str]:
+        counts.append(loop.time())
+        if left:
+            raise left.pop()
+        return set()
+
+    census = Census(viewing(), WorkQueue(), register, (None,))
+    for moment in relists:
+        loop.call_at(moment, census.hasten)
+    running = asyncio.create_task(census.run())
+    await asyncio.sleep(until)
+    running.cancel()
+    return counts
+
+
+@pytest.mark.parametrize(
+    ("relists", "faults", "counts"),
+    [
+        ([], 0, [600, 1200]),
+        ([100], 0, [100, 700, 1300]),
+        ([10], 0, [60, 660, 1260]),
+        # However often they begin again, no more than one a minute: each lists all that there is.
+        ([float(second) for second in range(10, 200)], 0, [60, 120, 180, 240, 840]),
+        # The API server that has just started again may not answer yet.
+        ([100], 2, [100, 160, 220, 820]),
+    ],
+)
+def test_a_watch_that_begins_again_brings_the_census_forward(
+    relists: list[float], faults: int, counts: list[float]
+) -> None:
+    assert virtual_time.run(counted_at(relists, 1301, faults)) == counts
 
 
 async def test_a_namespace_that_can_t_be_listed_keeps_its_jobs_and_no_others() -> None:

@@ -4,7 +4,7 @@ kopf parses answers by Python's json, which raises RecursionError for an object 
 have nested, and ends with it; and it parses them whole, which takes ten times their size.
 """
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -16,6 +16,9 @@ from bagpipe_operator.cluster.large_objects import TRIMMED_FROM, read_answer, re
 
 # Brackets below each other that json reads with room to spare for its callers.
 _HARMLESS = 400
+
+Answer = aiohttp.TraceRequestEndParams
+Answered = Callable[[Answer], None]
 
 
 class BoundedResponse(aiohttp.ClientResponse):
@@ -73,8 +76,19 @@ class BoundedConnection(kopf.AiohttpSession):
     aiohttp_session: aiohttp.ClientSession = field(compare=False)
 
 
-def bounded_connection(login: kopf.ConnectionInfo) -> BoundedConnection:
-    """The connection that kopf would make of a login, but reading to the bound."""
+def bounded_connection(
+    login: kopf.ConnectionInfo, answered: Answered = lambda _answer: None
+) -> BoundedConnection:
+    """The connection that kopf would make of a login, but reading to the bound.
+
+    `answered` is called with each answer as it begins.
+    """
+
+    async def on_answer(_session: Any, _context: Any, answer: Answer) -> None:
+        answered(answer)
+
+    trace = aiohttp.TraceConfig()
+    trace.on_request_end.append(on_answer)
     return BoundedConnection(
         server=login.server,
         default_namespace=login.default_namespace,
@@ -87,5 +101,6 @@ def bounded_connection(login: kopf.ConnectionInfo) -> BoundedConnection:
             response_class=BoundedResponse,
             proxy=login.proxy_url,
             trust_env=login.trust_env,
+            trace_configs=[trace],
         ),
     )

@@ -15,7 +15,7 @@ import kopf
 
 from bagpipe_operator.api import names
 from bagpipe_operator.api.objects import Json
-from bagpipe_operator.cluster.bounded_session import bounded_connection
+from bagpipe_operator.cluster.bounded_session import Answered, bounded_connection
 from bagpipe_operator.cluster.large_objects import PAGE
 from bagpipe_operator.jobs.view import JobView, PodView, View
 from bagpipe_operator.runtime.metrics import Metrics
@@ -85,8 +85,13 @@ class WithoutEnd:
         yield from repeat(SYSTEM_ERRORS_SECONDS[-1])
 
 
-def registry(watch: Watch, namespaces: Sequence[str] = ()) -> kopf.OperatorRegistry:
-    """The handlers, in a registry of their own; none of `namespaces` means all."""
+def registry(
+    watch: Watch, namespaces: Sequence[str] = (), answered: Answered = lambda _answer: None
+) -> kopf.OperatorRegistry:
+    """The handlers, in a registry of their own; none of `namespaces` means all.
+
+    `answered` is called with each answer that kopf gets.
+    """
     handlers = kopf.OperatorRegistry()
 
     # kopf asks again when a token has expired; a pod's token is renewed in its file.
@@ -97,7 +102,7 @@ def registry(watch: Watch, namespaces: Sequence[str] = ()) -> kopf.OperatorRegis
             if in_cluster(os.environ)
             else kopf.login_with_kubeconfig(**kwargs)
         )
-        return bounded_connection(logged_in) if logged_in else None
+        return bounded_connection(logged_in, answered) if logged_in else None
 
     @kopf.on.startup(registry=handlers)
     async def configure(settings: kopf.OperatorSettings, **_: Any) -> None:

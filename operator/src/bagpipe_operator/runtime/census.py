@@ -7,7 +7,8 @@ gauges.
 import asyncio
 import logging
 from collections.abc import Awaitable, Callable, Sequence, Set
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, field
 from typing import Protocol
 
 from bagpipe_operator.cluster.client import ApiError
@@ -16,6 +17,8 @@ from bagpipe_operator.runtime.queue import WorkQueue
 logger = logging.getLogger(__name__)
 
 PERIOD_SECONDS = 600.0
+# Each lists all that there is, for which the API server reads each object whole.
+SHORTEST_PERIOD_SECONDS = 60.0
 
 
 class Seen(Protocol):
@@ -33,7 +36,8 @@ class Seen(Protocol):
 
 @dataclass
 class Census:
-    """Compares what is known with what there is, every `period_seconds`."""
+    """Compares what is known with what there is, every `period_seconds`; earlier when a watch
+    begins again, or a comparison has failed."""
 
     view: Seen
     queue: WorkQueue
@@ -43,6 +47,11 @@ class Census:
     period_seconds: float = PERIOD_SECONDS
     # The namespaces of which the last list failed.
     unlisted: Set[str | None] = frozenset()
+    _soon: asyncio.Event = field(default_factory=asyncio.Event)
+
+    def hasten(self) -> None:
+        """A watch has begun again with a list: of what went before no event will come."""
+        self._soon.set()
 
     async def count(self) -> int:
         """One comparison; how many were forgotten. Raises ApiError where no list was answered."""
@@ -78,11 +87,12 @@ class Census:
     async def run(self) -> None:
         """Compares until cancelled."""
         while True:
-            await asyncio.sleep(self.period_seconds)
+            await self._pause()
             try:
                 gone = await self.count()
             except ApiError as error:
                 logger.warning("what is gone is looked for later: %s", error)
+                self.hasten()
                 continue
             except Exception:
                 # A bug met here must not keep what goes later for ever.
@@ -90,3 +100,11 @@ class Census:
                 continue
             if gone:
                 logger.info("%d went without a word of the watch", gone)
+
+    async def _pause(self) -> None:
+        shortest = min(self.period_seconds, SHORTEST_PERIOD_SECONDS)
+        await asyncio.sleep(shortest)
+        with suppress(TimeoutError):
+            async with asyncio.timeout(self.period_seconds - shortest):
+                await self._soon.wait()
+        self._soon.clear()

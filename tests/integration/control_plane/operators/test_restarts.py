@@ -121,3 +121,27 @@ def test_the_api_server_goes_away_and_comes_back(
     assert operator.server.alive
     assert children(admin, namespace) == expected_children(["a", "b", "c"])
     assert {s["attempt"] for s in statuses(admin, namespace).values()} == {1}
+
+
+def test_what_is_deleted_before_a_watch_begins_again_is_not_counted_for_long(
+    admin: Client,
+    namespace: str,
+    kubelet: FakeKubelet,
+    operator_process: StartOperator,
+    control_plane: ControlPlane,
+) -> None:
+    """A new API server knows no events of before: kopf lists what is there, and nothing else."""
+    operator = operator_process(**QUICK)
+    create_jobs(admin, namespace, ["ended"])
+    await_phase(admin, namespace, "Pending", 1)
+    kubelet.end(namespace, "ended-1-driver", 0, account("Complete", verdict="Passed"))
+    await_phase(admin, namespace, "Complete", 1)
+    counted = 'bagpipe_jobs{phase="Complete"}'
+    assert operator.metric(counted) == 1.0
+    operator.pause()
+    admin.delete(jobs(namespace, "ended"))
+    control_plane.stop_api_server()
+    control_plane.start_api_server()
+    operator.resume()
+    wait_until(lambda: operator.metric(counted) == 0.0, 2 * PATIENCE, "it is counted for ever")
+    assert "begins with a list again" in operator.logged()
