@@ -164,6 +164,9 @@ def check(world: World, reported: set[str], late: bool = False) -> None:
 @example(
     ["driver runs", "driver dies beside a proxy", "operator restarts", "wait 40"], 1, None, False
 )
+@example(
+    ["driver runs", "lost: create pods", "driver dies beside a proxy", "wait 40"], 1, None, False
+)
 @given(
     st.lists(st.sampled_from(EVENTS), max_size=40),
     st.integers(min_value=0, max_value=2),

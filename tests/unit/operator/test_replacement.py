@@ -135,6 +135,24 @@ async def test_a_job_ends_although_an_executor_of_an_earlier_driver_can_not_be_d
     assert "x-1-exec-1" not in world.api.named("pods")
 
 
+@pytest.mark.parametrize("fault", ["fail", "lose"])
+async def test_no_two_drivers_live_where_a_status_can_not_be_written(fault: str) -> None:
+    """The first one's pod goes on beside a proxy, and holds its place."""
+    world = World()
+    await started(world)
+    ended = {"exitCode": 137, "finishedAt": world.clock.now().isoformat()}
+    beside = make_driver("x").running().with_container("proxy", {"running": {}})
+    world.deliver(beside.with_container("driver", {"terminated": ended}))
+    await world.reconcile(after=2)
+    if fault == "fail":
+        world.api.fail("patch status", ApiError(500, "InternalError", "no leader"))
+    else:
+        world.api.lost.add("patch status")
+    with pytest.raises(ApiError):
+        await world.reconcile(after=10)
+    assert [n for n in world.api.named("pods") if "driver" in n] == ["x-2-driver"]
+
+
 async def test_a_running_job_counts_although_such_an_executor_can_not_be_deleted() -> None:
     world = World()
     await replaced(world)

@@ -133,6 +133,16 @@ class Reconciler:
             raise unwritten  # else nothing might ever ask for a job that has ended or rests
 
     async def _advance(self, job: JobView) -> JobView | None:
+        """Stops what was replaced, then all else; the job as it is now."""
+        try:
+            # Before there is another driver: a call that fails below would leave two.
+            await self._removal.of_earlier_attempts(job)
+        finally:
+            # What is known of the job is reported also where no pod can be deleted.
+            now = await self._decided(job)
+        return now
+
+    async def _decided(self, job: JobView) -> JobView | None:
         """Looks, decides, writes and stops what has to stop; the job as it is now."""
         asked = await self._asked_in_pool(job)
         if asked is None:
@@ -143,9 +153,6 @@ class Reconciler:
             return job  # the next visit decides by what is known now
         status = decide(seen, self.now(), self.settings.stuck_seconds)
         written = await self._writer.write(job, status)
-        # What is known of the job is reported also where no pod can be deleted.
-        if written is not None and not written.finished:
-            await self._removal.of_earlier_attempts(job)
         halted = written is not None and not written.finished and seen.halt is not None
         if written is not None and halted and await self._removal.gracefully(written):
             self._forget(written.uid)
@@ -169,13 +176,14 @@ class Reconciler:
     async def _stop_leftovers(self, job: JobView) -> None:
         """Deletes the pods of an ended job that have not ended themselves, unless they wait for the
         next one: those of earlier attempts never do."""
-        await self._removal.of_earlier_attempts(job)
         left = self._removal.left_of(job)
         if not left:
             self._warm.forget_driver(job.uid)
             for pod in self._removal.overdue_of(job):
                 await self._lookup.refreshed(pod)  # it may have gone without an event
-        elif not await self._warm.keeps(job):
+        elif await self._warm.keeps(job):
+            await self._removal.of_earlier_attempts(job)
+        else:
             await self._removal.of_leftovers(left)
 
     async def _is_due_to_go(self, job: JobView) -> bool:
