@@ -135,7 +135,7 @@ def test_a_file_that_has_changed_since_is_named() -> None:
 def of_folder(n: int, version: str, figure: float) -> dict[str, Any]:
     """A fragment of one folder of rosbag2, whose files are split as the fragments are."""
     file = {"bag": f"file:///d/d_{n}.mcap", "version": version, "window": [0, 1], "at": 0}
-    given = {"bag": "file:///d/metadata.yaml", "bag_version": "v1", "parts": [file]}
+    given: dict[str, Any] = {"bag": "file:///d/metadata.yaml", "bag_version": "v1", "parts": [file]}
     return row(n, "", figure=figure, **given)
 
 

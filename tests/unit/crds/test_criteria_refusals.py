@@ -160,6 +160,7 @@ def test_what_an_earlier_release_took_is_read_with_its_results() -> None:
     stored = {"name": "c", "finalPose": pose | {"maxYawError": 3.141592653589793}}
     assert (refusals(SCHEMA, stored), taken_by_the_model(stored)) == ([], True)
     itself = {"name": "c", "error": GOOD["error"] | {"truth": "/a", "truthFields": []}}
-    for value in (itself, {"name": "c", "finalPose": stored["finalPose"] | {"yaw": 1}}):
+    turned = pose | {"maxYawError": 3.141592653589793, "yaw": 1}
+    for value in (itself, {"name": "c", "finalPose": turned}):
         assert not taken_by_the_model(value)
         assert Criterion.model_validate(value, context={RAN: True}).name == "c"
