@@ -247,6 +247,17 @@ async def test_a_pod_whose_creation_is_not_answered_in_time_is_found() -> None:
     assert world.api.named("pods") == ["x-1-driver"]
 
 
+async def test_a_pod_that_was_made_all_the_same_leaves_no_job_that_waits() -> None:
+    world = World()
+    world.api.fail("create pods", IN_TIME[0])
+    await world.reconcile()
+    assert list(world.reconciler._starts._refusals._held) == [UID]
+    world.deliver(make_driver("x").running())
+    await world.reconcile(after=1)
+    assert world.reason("Accepted") == "True/DriverCreated"
+    assert world.reconciler._starts._refusals._held == {}
+
+
 async def test_a_webhook_that_can_t_be_tried_keeps_no_job_from_its_driver() -> None:
     world = World()
     text = 'admission webhook "pods.example" does not support dry run'

@@ -1,5 +1,6 @@
 """A driver that is lost is replaced by another; one that failed by its own account is not."""
 
+import asyncio
 from itertools import pairwise
 
 import pytest
@@ -133,6 +134,18 @@ async def test_a_job_ends_although_an_executor_of_an_earlier_driver_can_not_be_d
         assert world.status()["phase"] == "Complete"
     await world.reconcile(after=2)
     assert "x-1-exec-1" not in world.api.named("pods")
+
+
+async def test_an_operator_that_ends_goes_on_with_no_visit() -> None:
+    """A worker that is cancelled in a call must end, and not go on with the rest of its visit."""
+    world = World()
+    await replaced(world)
+    world.deliver(make_driver("x", 2).ended(0, account("Complete", verdict="Passed")))
+    world.api.fail("delete x-1-exec-1", asyncio.CancelledError())
+    world.api.calls.clear()
+    with pytest.raises(asyncio.CancelledError):
+        await world.reconcile(after=2)
+    assert world.api.calls == ["delete x-1-exec-1"]
 
 
 @pytest.mark.parametrize("fault", ["fail", "lose"])

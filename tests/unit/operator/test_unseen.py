@@ -206,6 +206,18 @@ async def test_a_pod_on_a_node_that_is_cut_off_is_looked_for_once_a_minute() -> 
     assert len(world.view.pods(UID)) == 2
 
 
+async def test_overdue_pods_are_looked_for_once_a_minute_whatever_asks_for_their_job() -> None:
+    """Its receiver is down, so that the sweeper asks for it again and again; or events come."""
+    world = World()
+    sweeper = await ended_with_an_executor_on_its_way_out(world)
+    await swept(world, sweeper, 60)
+    world.api.calls.clear()
+    for _ in range(300):
+        await world.reconcile(after=2)
+    assert 10 <= world.api.calls.count("get pods") <= 12
+    assert set(world.api.calls) == {"get pods"}
+
+
 async def test_a_clock_that_is_set_back_keeps_no_such_pod_for_ever() -> None:
     world = World()
     sweeper = await ended_with_an_executor_on_its_way_out(world)

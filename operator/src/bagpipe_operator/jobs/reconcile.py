@@ -18,6 +18,7 @@ from bagpipe_operator.jobs.driver_start import DriverStart
 from bagpipe_operator.jobs.event_recorder import EventRecorder
 from bagpipe_operator.jobs.kueue.queueing import Queueing
 from bagpipe_operator.jobs.observer import Observer, follows, resumes
+from bagpipe_operator.jobs.overdue_pods import OverduePods
 from bagpipe_operator.jobs.pod_removal import PodRemoval
 from bagpipe_operator.jobs.policies.halt import halt_of
 from bagpipe_operator.jobs.policies.last_passed import Handover
@@ -67,6 +68,7 @@ class Reconciler:
     _writer: StatusWriter = field(init=False)
     _starts: DriverStart = field(init=False)
     _observer: Observer = field(init=False)
+    _overdue: OverduePods = field(init=False)
 
     def __post_init__(self) -> None:
         self._recorder = EventRecorder(self.api, self.monotonic)
@@ -94,6 +96,7 @@ class Reconciler:
             self.api, self.view, self.settings, self.now, self.monotonic, queueing=self.queueing,
             warm=self._warm, lookup=self._lookup, starts=self._starts,
         )  # fmt: skip
+        self._overdue = OverduePods(self._lookup, self._removal, self.monotonic)
         self._lookup.begin_to_lead()
         if self.queueing is not None:
             self.queueing.begin_to_lead()
@@ -129,17 +132,24 @@ class Reconciler:
             await self.queueing.settle(job)
         if await self._is_due_to_go(job):
             await self._remove(job)
-        elif unwritten is not None:
+            return
+        if job.finished:
+            await self._overdue.look(job)
+        if unwritten is not None:
             raise unwritten  # else nothing might ever ask for a job that has ended or rests
 
     async def _advance(self, job: JobView) -> JobView | None:
         """Stops what was replaced, then all else; the job as it is now."""
+        undeleted = None
         try:
             # Before there is another driver: a call that fails below would leave two.
             await self._removal.of_earlier_attempts(job)
-        finally:
-            # What is known of the job is reported also where no pod can be deleted.
-            now = await self._decided(job)
+        except ApiError as error:
+            undeleted = error
+        # What is known of the job is reported also where no pod can be deleted.
+        now = await self._decided(job)
+        if undeleted is not None:
+            raise undeleted
         return now
 
     async def _decided(self, job: JobView) -> JobView | None:
@@ -149,6 +159,8 @@ class Reconciler:
             return None
         job = asked
         seen = await self._observer.observe(job)
+        if seen.driver is not None:  # also one whose creation seemed to be refused
+            self._starts.forget(job.uid)
         if await self._observer.was_behind(seen):
             return job  # the next visit decides by what is known now
         status = decide(seen, self.now(), self.settings.stuck_seconds)
@@ -179,8 +191,6 @@ class Reconciler:
         left = self._removal.left_of(job)
         if not left:
             self._warm.forget_driver(job.uid)
-            for pod in self._removal.overdue_of(job):
-                await self._lookup.refreshed(pod)  # it may have gone without an event
         elif await self._warm.keeps(job):
             await self._removal.of_earlier_attempts(job)
         else:
@@ -220,6 +230,7 @@ class Reconciler:
         self._forget(uid)
         self._warm.forget_driver(uid)
         self._writer.forget_gone(uid)
+        self._overdue.forget(uid)
         self._recorder.forget(uid)
         self.announcer.forget(uid)
         self._handover.forget(uid)

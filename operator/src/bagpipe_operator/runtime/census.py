@@ -98,6 +98,8 @@ class Census:
                 # A bug met here must not keep what goes later for ever.
                 logger.exception("unexpected fault in looking for what is gone")
                 continue
+            if self.unlisted:
+                self.hasten()
             if gone:
                 logger.info("%d went without a word of the watch", gone)
 

@@ -35,11 +35,9 @@ fn what_is_handed_over_within_a_process_belongs_to_its_step_and_is_no_loss() {
     scene.await_subscriptions(2);
     let ask = Ask { mode: Mode::Lockstep, ..Ask::default() };
     let replayed = scene.play(&recording(&["/in"], 20, 50), &ask).unwrap();
+    // What is waited for in vain twice in a row is named.
     assert_eq!(replayed.playback.warnings, [] as [String; 0]);
     assert_eq!(times(&replayed), (1000..1020).collect::<Vec<_>>());
-    // Nothing lacked: a second was waited at each of the first steps, in vain.
-    let seconds = replayed.playback.played_seconds;
-    assert!(seconds < 2.5, "{seconds}");
 }
 
 #[test]
