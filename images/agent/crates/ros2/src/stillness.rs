@@ -68,13 +68,20 @@ impl Stuck {
     }
 
     /// Takes in who is `busy`: who is not has come to its end after all, also if it may lack something, and is
-    /// waited for again, some times.
+    /// waited for again, some times. Of timers one less is no end of the one that was late.
     fn look(&mut self, busy: &BTreeSet<Whose>) {
+        self.wait_again_for(|one| !one.0.is_empty() && !busy.contains(one));
+    }
+
+    /// Takes in that nobody has work: timers and services have come to their end, too. As long as one is not waited
+    /// for, nothing that wakes a thread of its process is.
+    fn rest(&mut self) {
+        self.wait_again_for(|_| true);
+    }
+
+    fn wait_again_for(&mut self, has_ended: impl Fn(&Whose) -> bool) {
         let Stuck { now, ever } = self;
-        now.retain(|one| {
-            let is_again = ever.get(one).is_some_and(|times| *times >= AGAIN);
-            one.0.is_empty() || is_again || busy.contains(one)
-        });
+        now.retain(|one| ever.get(one).is_some_and(|times| *times >= AGAIN) || !has_ended(one));
     }
 }
 
@@ -230,10 +237,10 @@ impl Stillness {
             .collect();
         let (mut still, mut doubt, mut rest) = (None, Doubt::default(), Rest::default());
         let over = |ledger: &Ledger| {
-            rest = match ask(ledger, before, &since)? {
+            rest = match ask(ledger, before, &since, lacks)? {
                 Quiet::Still(mark) => {
                     still = Some(mark);
-                    stuck.look(&BTreeSet::new());
+                    stuck.rest();
                     // What was on its way at an earlier look has come.
                     rest = Rest::default();
                     return Ok(true);
@@ -298,15 +305,29 @@ fn is_within(doubt: &&Doubted) -> bool {
 
 /// Asks whether all is worked off, and again for a moment where nothing is in doubt but what may wait within a
 /// process: it is not, once its threads are back from their callbacks, of which nobody wakes us.
-fn ask(ledger: &Ledger, since: &Mark, sent: &[(&str, u64)]) -> Result<Quiet, LedgerError> {
+fn ask(
+    ledger: &Ledger,
+    since: &Mark,
+    sent: &[(&str, u64)],
+    lacks: &BTreeMap<Whose, Lacks>,
+) -> Result<Quiet, LedgerError> {
     for _ in 0..ASKED {
         let quiet = ledger.quiet(since, sent)?;
-        if !matches!(&quiet, Quiet::Unknown(doubts) if doubts.iter().all(|one| is_within(&one))) {
+        if !matches!(&quiet, Quiet::Unknown(doubts) if may_be_over_soon(doubts, lacks)) {
             return Ok(quiet);
         }
         std::thread::sleep(SOON);
     }
     ledger.quiet(since, sent)
+}
+
+/// Whether nothing is in doubt but what may wait within a process, and some of it is waited for still.
+fn may_be_over_soon(doubts: &[Doubted], lacks: &BTreeMap<Whose, Lacks>) -> bool {
+    let is_waited_for = |one: &Doubted| {
+        let known = lacks.get(&(one.node.clone(), one.topic.clone()));
+        known.is_none_or(|lacks| lacks.in_a_row < IN_A_ROW)
+    };
+    doubts.iter().all(|one| is_within(&one)) && doubts.iter().any(is_waited_for)
 }
 
 /// Node and topic.
@@ -475,9 +496,30 @@ mod tests {
         // How many timers run is in the name: one less is no end of one.
         let timers = BTreeSet::from([(String::new(), "process 7, of 2 timers".to_owned())]);
         let mut stuck = Stuck::default();
+        for _ in 1..AGAIN {
+            stuck.add(&timers);
+            stuck.look(&BTreeSet::new());
+            assert_eq!(stuck.now, timers);
+            // Nobody has work: they are over.
+            stuck.rest();
+            assert!(stuck.now.is_empty());
+        }
         stuck.add(&timers);
-        stuck.look(&BTreeSet::new());
+        stuck.rest();
         assert_eq!(stuck.now, timers);
+    }
+
+    #[test]
+    fn what_waits_within_a_process_is_asked_for_again_as_long_as_it_is_waited_for() {
+        let within = [doubted(Why::IntraProcess)];
+        let (mut lacks, is_asked) = (BTreeMap::new(), may_be_over_soon);
+        for _ in 0..IN_A_ROW {
+            assert!(is_asked(&within, &lacks));
+            lacks.entry(whose("/node")).or_insert_with(Lacks::default).add_unseen();
+        }
+        assert!(!is_asked(&within, &lacks));
+        lacks.clear();
+        assert!(!is_asked(&[doubted(Why::IntraProcess), doubted(Why::BestEffort)], &lacks));
     }
 
     #[test]
