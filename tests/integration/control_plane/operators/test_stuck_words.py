@@ -199,7 +199,7 @@ def own_events(admin: Client, namespace: str) -> Counter[str]:
     [
         'before PATCH \\S+/status .*"reason": "{}"',
         'after PATCH \\S+/status .*"reason": "{}"',
-        'after POST \\S+/events .*"reason": "{}"',
+        'after POST \\S+/events\\S* .*"reason": "{}"',
     ],
     ids=["before its status", "before its Event", "after its Event"],
 )
