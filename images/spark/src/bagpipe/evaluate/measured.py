@@ -15,9 +15,7 @@ _DEMANDED = frozenset({
     "min_time_to_collision", "max_cpu", "max_memory",
 })  # fmt: skip
 _DURATIONS = frozenset({"stamp_tolerance", "max_age"})
-
-
-# Of several figures of a kind, what one of them does not depend on: the heading, the place, ...
+# What one of several figures of a kind, by its unit, does not depend on.
 _ELSEWHERE = {
     ("finalPose", "m"): {"yaw"},
     ("finalPose", "rad"): {"position"},

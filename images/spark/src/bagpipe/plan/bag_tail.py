@@ -108,7 +108,7 @@ def read_tail(read: Read, size: int) -> BagTail:
         raise BagError("BagCut", "the file is empty (0 bytes): copy it again")
     head = read(0, min(_FILE_HEADER_BYTES + len(MAGIC) + 64, size))
     if head.startswith(MCAP_MAGIC):
-        return _tail(size, mcap_summary.read_index(read, size, head, _parsed))
+        return _tail(size, mcap_summary.read_index(read, size, head, parsed))
     if advice := next((text for magic, text in _OTHERS.items() if head.startswith(magic)), None):
         raise BagError("BagUnreadable", advice)
     if not head.startswith(MAGIC):
@@ -117,10 +117,10 @@ def read_tail(read: Read, size: int) -> BagTail:
             f"the file begins with {head[:13]!r}, expected {MAGIC!r} (bag 2.0) or"
             f" {MCAP_MAGIC!r} (MCAP)",
         )
-    found = _parsed("parse_head", head, size)
+    found = parsed("parse_head", head, size)
     index_position = found[0]
     tail = read(index_position, size - index_position)
-    return _tail(size, _parsed("bag_index", tail, found))
+    return _tail(size, parsed("bag_index", tail, found))
 
 
 def _tail(size: int, index: Any) -> BagTail:
@@ -139,7 +139,7 @@ def compression_of(read: Read, chunk: Chunk) -> str:
     if chunk.compression is not None:
         return chunk.compression
     data = read(chunk.offset, min(_CHUNK_HEADER_BYTES, chunk.end - chunk.offset))
-    compression: str = _parsed("chunk_compression", data, chunk.offset)
+    compression: str = parsed("chunk_compression", data, chunk.offset)
     return compression
 
 
@@ -156,7 +156,7 @@ def message_times(read: Read, chunk: Chunk) -> dict[int, list[int]]:
     begin = chunk.index or _index_of(read, chunk)
     if 0 < chunk.end - begin <= most:
         parser = "index_times" if chunk.index is None else "mcap_index_times"
-        found = _parsed(parser, read(begin, chunk.end - begin), begin)
+        found = parsed(parser, read(begin, chunk.end - begin), begin)
         times = {connection: each for connection, each in found.items() if each}
     inside = all(
         chunk.start_time <= time <= chunk.end_time for found in times.values() for time in found
@@ -171,7 +171,7 @@ def message_times(read: Read, chunk: Chunk) -> dict[int, list[int]]:
 def _index_of(read: Read, chunk: Chunk) -> int:
     """Where a bag's chunk says that its index records begin; its end where it does not."""
     head = read(chunk.offset, min(_CHUNK_HEADER_BYTES, chunk.end - chunk.offset))
-    length: int | None = _parsed("chunk_length", head, chunk.offset)
+    length: int | None = parsed("chunk_length", head, chunk.offset)
     return chunk.end if length is None else chunk.offset + length
 
 
@@ -180,19 +180,21 @@ def split_record(data: bytes, at: int, base: int) -> tuple[dict[str, bytes], int
 
     Raises BagError where the record is cut.
     """
-    split: tuple[dict[str, bytes], int, int] = _parsed("split_record", data, at, base)
+    split: tuple[dict[str, bytes], int, int] = parsed("split_record", data, at, base)
     return split
 
 
 def connection_fields(record: bytes, offset: int) -> dict[str, bytes]:
     """What a CONNECTION record says of its publisher: type, md5sum, message_definition, ..."""
-    fields: dict[str, bytes] = _parsed("connection_fields", record, offset)
+    fields: dict[str, bytes] = parsed("connection_fields", record, offset)
     return fields
 
 
-def _parsed(parser: str, *given: Any) -> Any:
-    """What the native module's parser of that name says. Raises BagError."""
-    user = "reading a bag"
+def parsed(parser: str, *given: Any, user: str = "reading a bag") -> Any:
+    """What the native module's parser of that name says; `user` is what needs it.
+
+    Raises BagError.
+    """
     parse = native(parser, user)
     try:
         return parse(*given)

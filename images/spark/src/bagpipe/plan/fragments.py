@@ -112,8 +112,8 @@ def has_messages(tail: BagTail, topics: list[str], window: Window, times: Times)
     known. A chunk that reaches over it says nothing of it, so that `times` may be asked.
     """
     wanted = {c.id for c in tail.connections if not topics or c.topic in topics}
-    chunks = [chunk for chunk in tail.chunks if wanted & holding(chunk)]
-    return _Recorded(ChunksByTime(chunks), wanted, times).between(window.start, window.end)
+    chunks = ChunksByTime(near(tail, wanted, window.start, window.end))
+    return _Recorded(chunks, wanted, times).between(window.start, window.end)
 
 
 def holding(chunk: Chunk) -> set[int]:

@@ -73,7 +73,6 @@ class PartPlanner:
         end = last + 1 if to is None else begin + to
         window = Window(max(begin, start - lead_in), start, end)
         self._check(piece, topics, window)
-        found = cut_one(tail, topics, window)
         if not self._has_messages(piece, topics, window):
             raise PartError(
                 piece.bag,
@@ -82,6 +81,7 @@ class PartPlanner:
                 f" {(last - begin) / 1e9:.3f} s long and has"
                 f" {', '.join(sorted({c.topic for c in tail.connections})[:10])}",
             )
+        found = cut_one(tail, topics, window)
         return Part(
             bag=piece.bag,
             version=file.version,

@@ -5,9 +5,9 @@ Format: https://github.com/ros2/rosbag2, metadata.yaml of versions 4 to 9.
 
 import posixpath
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
 
-from bagpipe.native import native
+from bagpipe.plan import bag_tail
 from bagpipe.plan.bag_tail import BagError
 from bagpipe.storage import Storage
 from bagpipe.topic_names import resolve
@@ -15,6 +15,8 @@ from bagpipe.topic_names import resolve
 METADATA = "metadata.yaml"
 # A longer one is refused; rosbag2 writes about a kilobyte for each topic.
 MOST_METADATA_BYTES = 4 << 20
+
+parsed = partial(bag_tail.parsed, user="reading a folder of rosbag2")
 
 
 @dataclass(frozen=True)
@@ -70,12 +72,3 @@ def read_metadata(uri: str, storage: Storage) -> Metadata:
         messages,
         {resolve(topic): encoding for topic, _, encoding, _ in topics},
     )
-
-
-def parsed(parser: str, *arguments: Any) -> Any:
-    """What the native module's parser of that name finds in a folder. Raises BagError."""
-    refused = native("TailError", "reading a bag")
-    try:
-        return native(parser, "reading a folder of rosbag2")(*arguments)
-    except refused as error:
-        raise BagError(*error.args) from None
