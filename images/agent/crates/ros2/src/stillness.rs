@@ -10,8 +10,10 @@ use bagpipe_ros2ledger::{
 };
 
 mod doubt;
+mod stuck;
 
 use doubt::{Doubt, InVain};
+use stuck::{Stuck, Whose};
 
 /// How long something is waited for that may never come, while everybody sleeps: a message that a
 /// queue has overwritten, or that a subscription does not match. A node that gets no processor for a
@@ -21,8 +23,6 @@ const DOUBTFUL: Duration = Duration::from_secs(1);
 /// until nothing more is waited for.
 const HALVED: u32 = 6;
 const IN_A_ROW: u32 = 8;
-/// How often a callback is waited for that is not over in time: each time may last as long as a drain.
-const AGAIN: u32 = 3;
 /// How long the end of a callback that may never show is waited for, while everybody sleeps: of a node
 /// without tracepoints that has several threads, the last ones come back with the next message only.
 const COMES_BACK: Duration = Duration::from_millis(100);
@@ -46,43 +46,6 @@ struct State {
     /// Node and topic of what did not come.
     lacks: BTreeMap<Whose, Lacks>,
     stuck: Stuck,
-}
-
-/// Those whose callback was waited for in vain. Of timers and services the node is not known: in its place is nothing,
-/// and in the topic's the process with how many run, of which one more is waited for.
-#[derive(Default)]
-struct Stuck {
-    /// Whose callback runs still: it is not waited for again.
-    now: BTreeSet<Whose>,
-    /// How often each was.
-    ever: BTreeMap<Whose, u32>,
-}
-
-impl Stuck {
-    /// Takes in whose callback was waited for in vain.
-    fn add(&mut self, those: &BTreeSet<Whose>) {
-        for one in those.difference(&self.now) {
-            *self.ever.entry(one.clone()).or_default() += 1;
-        }
-        self.now.extend(those.iter().cloned());
-    }
-
-    /// Takes in who is `busy`: who is not has come to its end after all, also if it may lack something, and is
-    /// waited for again, some times. Of timers one less is no end of the one that was late.
-    fn look(&mut self, busy: &BTreeSet<Whose>) {
-        self.wait_again_for(|one| !one.0.is_empty() && !busy.contains(one));
-    }
-
-    /// Takes in that nobody has work: timers and services have come to their end, too. As long as one is not waited
-    /// for, nothing that wakes a thread of its process is.
-    fn rest(&mut self) {
-        self.wait_again_for(|_| true);
-    }
-
-    fn wait_again_for(&mut self, has_ended: impl Fn(&Whose) -> bool) {
-        let Stuck { now, ever } = self;
-        now.retain(|one| ever.get(one).is_some_and(|times| *times >= AGAIN) || !has_ended(one));
-    }
 }
 
 /// How often something did not come to a node on a topic.
@@ -330,9 +293,6 @@ fn may_be_over_soon(doubts: &[Doubted], lacks: &BTreeMap<Whose, Lacks>) -> bool 
     doubts.iter().all(|one| is_within(&one)) && doubts.iter().any(is_waited_for)
 }
 
-/// Node and topic.
-type Whose = (String, String);
-
 fn of_busy(busy: &Busy) -> Whose {
     let others =
         || format!("process {}, of {} timers and services,", busy.process.pid, busy.in_hand);
@@ -475,38 +435,11 @@ mod tests {
     }
 
     #[test]
-    fn who_comes_to_its_end_late_is_waited_for_again_three_times_and_stays_named() {
+    fn who_is_at_the_end_of_a_callback_may_lack_something() {
         let (mut stuck, all) = (Stuck::default(), BTreeSet::from([whose("/node")]));
-        for times in 1..=3 {
-            stuck.look(&all);
-            assert!(stuck.now.is_empty(), "{times}");
-            stuck.add(&all);
-            // It runs still.
-            stuck.look(&all);
-            stuck.add(&all);
-            assert_eq!((&stuck.now, stuck.ever[&whose("/node")]), (&all, times));
-            stuck.look(&BTreeSet::new());
-        }
-        assert_eq!(stuck.now, all);
-        // It is at its end, and lacks something.
-        let mut stuck = Stuck::default();
         stuck.add(&all);
         stuck.look(&Rest { left: all, ..Rest::default() }.busy);
         assert!(stuck.now.is_empty());
-        // How many timers run is in the name: one less is no end of one.
-        let timers = BTreeSet::from([(String::new(), "process 7, of 2 timers".to_owned())]);
-        let mut stuck = Stuck::default();
-        for _ in 1..AGAIN {
-            stuck.add(&timers);
-            stuck.look(&BTreeSet::new());
-            assert_eq!(stuck.now, timers);
-            // Nobody has work: they are over.
-            stuck.rest();
-            assert!(stuck.now.is_empty());
-        }
-        stuck.add(&timers);
-        stuck.rest();
-        assert_eq!(stuck.now, timers);
     }
 
     #[test]

@@ -9,6 +9,7 @@ use std::time::Duration;
 
 use bagpipe_replay::{Mode, Replayed};
 use scene::{Ask, MS, RELAY, Scene, recorded, recording};
+use standin::Node;
 
 /// The times of what was recorded, in ms.
 fn times(replayed: &Replayed) -> Vec<u64> {
@@ -23,16 +24,21 @@ fn passes_on<'a>(name: &'a str, sub: &'a str, publisher: &'a str, relay: &'a str
 const IN: &str = "/in:sensor_msgs/msg/Imu:10:reliable";
 const OUT: &str = "/out:std_msgs/msg/String:100:reliable";
 
+/// Starts a node that passes on what comes on /in to itself, within its process, and from there to /out.
+fn hands_over(scene: &Scene, more: &[&str]) -> Node {
+    let middle = "/middle:std_msgs/msg/String:10:reliable";
+    let both = ["--name", "/both", "--sub", IN, "--sub", middle, "--pub", middle, "--pub", OUT];
+    let relays = ["--within", "--relay", "/in=/middle", "--relay", "/middle=/out"];
+    let node = scene.start("standin_node", &[&both[..], &relays, more].concat());
+    scene.await_subscriptions(2);
+    node
+}
+
 #[test]
 fn what_is_handed_over_within_a_process_belongs_to_its_step_and_is_no_loss() {
     let scene = Scene::new();
-    let middle = "/middle:std_msgs/msg/String:10:reliable";
-    let both = ["--name", "/both", "--sub", IN, "--sub", middle, "--pub", middle, "--pub", OUT];
-    let relays = ["--relay", "/in=/middle", "--relay", "/middle=/out"];
     // What was handed over waits while it is not yet back from the callback that did so.
-    let within = ["--within", "--returns-us", "3000"];
-    let _both = scene.start("standin_node", &[&both[..], &relays, &within].concat());
-    scene.await_subscriptions(2);
+    let _both = hands_over(&scene, &["--returns-us", "3000"]);
     let ask = Ask { mode: Mode::Lockstep, ..Ask::default() };
     let replayed = scene.play(&recording(&["/in"], 20, 50), &ask).unwrap();
     // What is waited for in vain twice in a row is named.
@@ -82,12 +88,7 @@ fn a_callback_that_never_ends_hides_nothing_that_is_on_its_way() {
 #[test]
 fn what_is_not_seen_within_a_process_that_never_sleeps_is_named_as_that_and_ends() {
     let scene = Scene::new();
-    let middle = "/middle:std_msgs/msg/String:10:reliable";
-    let both = ["--name", "/both", "--sub", IN, "--sub", middle, "--pub", middle, "--pub", OUT];
-    let relays = ["--relay", "/in=/middle", "--relay", "/middle=/out"];
-    let within = ["--within", "--wakeful"];
-    let _both = scene.start("standin_node", &[&both[..], &relays, &within].concat());
-    scene.await_subscriptions(2);
+    let _both = hands_over(&scene, &["--wakeful"]);
     let ask = Ask { mode: Mode::Lockstep, drain: Duration::from_secs(1), ..Ask::default() };
     let replayed = scene.play(&recording(&["/in"], 30, 50), &ask).unwrap();
     let ledger = &replayed.ledger;
