@@ -116,14 +116,14 @@ async def run(settings: Settings) -> None:
 
         terms, where = Terms(new_identity(), settings.lease_seconds), settings.lease_namespace
         election = Election(api, fence, terms, where, settings.lease_name, on_lead=take_up)
-        health = serve.Health(sweeper, lease_trouble=election.trouble)
+        namespaces = settings.watch_namespaces or (None,)
+        census = Census(view, queue, api.job_uids, namespaces)
+        metrics.unlisted_namespaces.set_function(lambda: len(census.unlisted))
+        health = serve.Health(sweeper, lease_trouble=election.trouble, list_trouble=census.trouble)
         answers = serve.answers(health, metrics)
         runner = await serve.start(answers, settings.listen_host, settings.listen_port)
         stack.push_async_callback(runner.cleanup)
-        forbidden = await wait_until_watchable(api, settings)
-        namespaces = settings.watch_namespaces or (None,)
-        census = Census(view, queue, api.job_uids, namespaces, unlisted=forbidden)
-        metrics.unlisted_namespaces.set_function(lambda: len(census.unlisted))
+        census.unlisted = await wait_until_watchable(api, settings)
         of_schedules = schedules.census(api.schedule_uids, namespaces)
 
         def look_for_what_went() -> None:

@@ -117,7 +117,7 @@ async def test_the_calls_for_schedules() -> None:
     plain, merge = "application/json", "application/merge-patch+json"
     selector = "labelSelector=sim.bagpipe.io/schedule%3Dnightly"
     assert recorder.calls == [
-        ("POST", jobs, plain, manifest),
+        ("POST", f"{jobs}?timeout=59500ms", plain, manifest),
         ("GET", f"{jobs}?{selector}&limit=20", None, None),
         ("DELETE", f"{jobs}/n-1", plain, options),
         ("GET", one, None, None),
@@ -179,8 +179,12 @@ async def test_the_api_server_gives_up_a_webhook_before_we_give_up_the_api_serve
     recorder, manifest = Recorder((200, {})), {"metadata": {"name": "p", "namespace": "lanes"}}
     async with server(recorder.answer, deadline, lambda: writes_for) as api:
         await api.try_create("pods", manifest)
+        await api.try_job(manifest)
         await api.create("pods", manifest)
-    assert [call[1].partition("?")[2] for call in recorder.calls] == [dry_run, create]
+        await api.create_job(manifest)
+        await api.create_workload(manifest)
+    queries = [call[1].partition("?")[2] for call in recorder.calls]
+    assert queries == [dry_run, dry_run, create, create, create]
 
 
 async def test_nobody_there() -> None:

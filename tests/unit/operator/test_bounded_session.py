@@ -127,6 +127,12 @@ async def test_a_second_list_of_a_kind_is_noticed(plural: str) -> None:
     assert await relists(*once, *once) == 1
 
 
+async def test_rights_that_are_taken_away_are_noticed() -> None:
+    """Until they come back: what went meanwhile is in no event."""
+    jobs = f"{LANES}/simulationjobs?limit=20"
+    assert await relists((jobs, 200), (jobs, 403), (jobs, 403), (jobs, 500), (jobs, 200)) == 3
+
+
 async def test_lists_of_other_kinds_and_places_and_refusals_are_not_noticed() -> None:
     jobs = f"{LANES}/simulationjobs?limit=20"
     others = [("/api/v1/pods?limit=20", 200), ("/apis/sim.bagpipe.io/v1alpha1", 200)] * 2

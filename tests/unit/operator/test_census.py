@@ -182,6 +182,23 @@ async def test_a_namespace_that_can_t_be_listed_keeps_its_jobs_and_no_others() -
     assert census.unlisted == set()
 
 
+async def test_trouble_is_reported_once_no_namespace_can_be_listed() -> None:
+    view = viewing()
+    register = Register(view, {"lanes": set(), "drives": set()}, forbidden={"drives"})
+    census = Census(view, WorkQueue(), register.job_uids, ("drives", "lanes"))
+    await census.count()
+    assert census.trouble() == ""
+    register.forbidden = {"drives", "lanes"}
+    with pytest.raises(ApiError, match="no RoleBinding"):
+        await census.count()
+    assert census.trouble() == (
+        "no list of jobs is answered in drives, lanes: has the operator its rights there?"
+    )
+    register.forbidden = {"lanes"}
+    await census.count()
+    assert census.trouble() == ""
+
+
 async def test_schedules_of_a_namespace_that_can_t_be_listed_stay() -> None:
     view, schedule = Schedules(), make_schedule()
     view.put_schedule(ScheduleView.from_object(schedule))

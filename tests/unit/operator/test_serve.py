@@ -45,6 +45,14 @@ async def test_a_replica_that_can_not_stand_by_is_alive_and_not_ready() -> None:
     assert (health.dead(), health.unready()) == ("", "the Lease is denied")
 
 
+async def test_an_operator_that_can_list_no_job_anywhere_is_alive_and_not_ready() -> None:
+    view, queue = View(), WorkQueue()
+    sweeper = Sweeper(view, queue, 2.0)
+    sweeper.last_sweep = asyncio.get_running_loop().time()
+    health = serve.Health(sweeper, watching=True, list_trouble=lambda: "no list is answered")
+    assert (health.dead(), health.unready()) == ("", "no list is answered")
+
+
 @pytest.mark.parametrize(("leads", "value"), [(True, "1.0"), (False, "0.0")])
 async def test_metrics_say_who_leads(leads: bool, value: str) -> None:
     view, queue = View(), WorkQueue()

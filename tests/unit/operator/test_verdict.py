@@ -5,6 +5,7 @@ from typing import Any
 import pytest
 
 from bagpipe_operator.api.objects import Json
+from bagpipe_operator.cluster.client import ApiError
 from bagpipe_operator.jobs.policies import verdict
 from tests.unit.operator.builders import JobBuilder, account, make_driver, make_executor, make_job
 from tests.unit.operator.test_life import without_events
@@ -148,3 +149,22 @@ def test_a_status_without_what_later_releases_write_is_completed_all_the_same() 
     [_, new] = verdict.completed({"conditions": [reported], "verdict": "Passed"})
     assert new["lastTransitionTime"] == "2026-11-20T03:00:00Z"
     assert new["observedGeneration"] == 0
+
+
+async def test_an_end_is_reported_also_while_its_pods_can_not_be_deleted() -> None:
+    world = World(make_job("x"))
+    await world.reconcile()
+    world.deliver(make_driver("x").running(), make_executor("x").running())
+    world.drivers.says = account()
+    await world.reconcile(after=2)
+    world.api.fail("delete x-1-exec-1", *[ApiError(500, "InternalError", "no webhook")] * 2)
+    text = account("Complete", verdict="Passed", cases=GOOD)
+    world.deliver(make_driver("x").ended(0, text))
+    for _ in range(2):
+        with pytest.raises(ApiError, match="no webhook"):
+            await world.reconcile(after=2)
+        assert world.reason("Passed") == "True/Passed"
+        assert world.api.event_reasons()[-1] == "JobComplete"
+    await world.reconcile(after=2)
+    assert "x-1-exec-1" not in world.api.named("pods")
+    assert world.api.event_reasons().count("JobComplete") == 1

@@ -152,14 +152,11 @@ class KubernetesApi:
 
     async def create(self, resource: str, manifest: Json) -> Json:
         namespace = manifest["metadata"]["namespace"]
-        query = _given_up_after(min(self._deadline, self._writes_for()))
-        path = f"/api/v1/namespaces/{namespace}/{resource}?{query}"
-        return await self._call("POST", path, manifest)
+        return await self._create(f"/api/v1/namespaces/{namespace}/{resource}", manifest)
 
     async def try_create(self, resource: str, manifest: Json) -> None:
         namespace = manifest["metadata"]["namespace"]
-        query = f"dryRun=All&{_given_up_after(self._deadline)}"
-        await self._call("POST", f"/api/v1/namespaces/{namespace}/{resource}?{query}", manifest)
+        await self._try(f"/api/v1/namespaces/{namespace}/{resource}", manifest)
 
     async def get(self, resource: str, namespace: str, name: str) -> Json:
         return await self._call("GET", f"/api/v1/namespaces/{namespace}/{resource}/{name}")
@@ -200,13 +197,12 @@ class KubernetesApi:
     async def create_job(self, manifest: Json) -> Json:
         """Creates a SimulationJob in its namespace."""
         namespace = manifest["metadata"]["namespace"]
-        return await self._call("POST", self._path(namespace, names.PLURAL), manifest)
+        return await self._create(self._path(namespace, names.PLURAL), manifest)
 
     async def try_job(self, manifest: Json) -> None:
         """Has a SimulationJob judged as if it were created; nothing is kept."""
         namespace = manifest["metadata"]["namespace"]
-        path = f"{self._path(namespace, names.PLURAL)}?dryRun=All"
-        await self._call("POST", path, manifest)
+        await self._try(self._path(namespace, names.PLURAL), manifest)
 
     async def list_jobs(self, namespace: str, label: str, most: int | None = None) -> list[Json]:
         path = f"{self._path(namespace, names.PLURAL)}?labelSelector={label}&limit={PAGE}"
@@ -292,6 +288,16 @@ class KubernetesApi:
     def _path(namespace: str, plural: str, name: str = "") -> str:
         below = f"/apis/{names.API_VERSION}/namespaces/{namespace}/{plural}"
         return f"{below}/{name}" if name else below
+
+    async def _create(self, path: str, manifest: Json) -> Json:
+        """Creates an object in the collection at a path; the object as it is then."""
+        query = _given_up_after(min(self._deadline, self._writes_for()))
+        return await self._call("POST", f"{path}?{query}", manifest)
+
+    async def _try(self, path: str, manifest: Json) -> None:
+        """Has an object judged as if it were created in the collection at a path."""
+        query = _given_up_after(self._deadline)
+        await self._call("POST", f"{path}?dryRun=All&{query}", manifest)
 
     async def _patch_status(self, path: str, patch: Json) -> Json:
         """Merges into the status of the object at a path; the object as it is afterwards."""

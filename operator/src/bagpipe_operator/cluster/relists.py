@@ -17,7 +17,8 @@ _KINDS = (f"/{names.PLURAL}", f"/{names.SCHEDULE_PLURAL}")
 
 @dataclass
 class Relists:
-    """Of jobs and schedules. `begun` is called when one more list of what was listed begins."""
+    """Of jobs and schedules. `begun` is called when one more list of what was listed begins, or is
+    refused: the rights are gone, and nothing that happens there is reported any more."""
 
     begun: Callable[[], None]
     _listed: set[str] = field(default_factory=set)
@@ -26,9 +27,11 @@ class Relists:
         """One of kopf's calls was answered; one that was refused has listed nothing."""
         url, status = answer.url, answer.response.status
         follows = "watch" in url.query or "continue" in url.query
-        if status != 200 or follows or not url.path.endswith(_KINDS):
+        if status not in {200, 403} or follows or not url.path.endswith(_KINDS):
             return
         if url.path in self._listed:
-            logger.info("the watch of %s begins with a list again", url.path)
+            what = "begins with a list again" if status == 200 else "has no rights any more"
+            logger.info("the watch of %s %s", url.path, what)
             self.begun()
-        self._listed.add(url.path)
+        elif status == 200:
+            self._listed.add(url.path)

@@ -122,11 +122,10 @@ class Reconciler:
         if job is None:
             self._forget_if_gone(uid)
             return
-        if job.finished:
-            self.announcer.announce(job)
-            await self._stop_leftovers(job)
-            self._forget(uid)
+        undeleted = await self._over(job) if job.finished else None
         unwritten = await self._recorder.write(job, self.now())
+        if undeleted is not None:
+            raise undeleted  # what its pods hold is nobody else's yet
         # What others wait for, a place in a queue above all, waits for no Event.
         if self.queueing is not None:
             await self.queueing.settle(job)
@@ -184,6 +183,17 @@ class Reconciler:
                 return None
             job = written
         return job
+
+    async def _over(self, job: JobView) -> ApiError | None:
+        """A job has ended; what kept its pods from being deleted, which holds up no report."""
+        self.announcer.announce(job)
+        try:
+            await self._stop_leftovers(job)
+        except ApiError as error:
+            return error
+        finally:
+            self._forget(job.uid)
+        return None
 
     async def _stop_leftovers(self, job: JobView) -> None:
         """Deletes the pods of an ended job that have not ended themselves, unless they wait for the

@@ -53,6 +53,13 @@ class Census:
         """A watch has begun again with a list: of what went before no event will come."""
         self._soon.set()
 
+    def trouble(self) -> str:
+        """Why no job can be looked for in any namespace; empty while one can."""
+        if len(self.unlisted) < len(self.namespaces):
+            return ""
+        where = ", ".join(each or "the whole cluster" for each in self.namespaces)
+        return f"no list of jobs is answered in {where}: has the operator its rights there?"
+
     async def count(self) -> int:
         """One comparison; how many were forgotten. Raises ApiError where no list was answered."""
         # Known before the list begins, so that what is created meanwhile is not missed in it.

@@ -38,6 +38,7 @@ class Health:
     sweeper: Pulse
     watching: bool = False  # kopf has started its watches
     lease_trouble: Callable[[], str] = lambda: ""  # why it can't even wait for its turn to lead
+    list_trouble: Callable[[], str] = lambda: ""  # why it sees no job anywhere
 
     def dead(self) -> str:
         """Why the process should be restarted; empty when it should not."""
@@ -50,7 +51,7 @@ class Health:
         """Why the operator neither works nor stands by for the leader; empty when it does."""
         if not self.watching:
             return "the watches have not started: is the CRD installed?"
-        return self.dead() or self.lease_trouble()
+        return self.dead() or self.lease_trouble() or self.list_trouble()
 
 
 class _Scrapes:

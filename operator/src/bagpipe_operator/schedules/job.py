@@ -39,6 +39,12 @@ def refusal_of(error: ApiError, name: str) -> Refused | None:
         return None
     if error.quota_is_full:
         return Refused(reasons.QUOTA_EXCEEDED, f"the namespace's quota is full: {error.message}")
+    if error.timed_out:
+        return Refused(
+            reasons.CREATION_REFUSED,
+            f"the API server gives no answer in time about the job {name}, as where an admission "
+            f"webhook hangs: {error.message}",
+        )
     if error.status in {400, 403, 413, 422} or error.webhook_is_down:
         return Refused(
             reasons.CREATION_REFUSED, f"the API server refuses the job {name}: {error.message}"

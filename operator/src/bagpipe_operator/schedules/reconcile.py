@@ -218,8 +218,9 @@ class ScheduleReconciler:
             if error.name_is_taken:
                 return await self._not_ours(schedule, name)
             refused = refusal_of(error, name)
-            if refused is None:
+            if refused is None or error.timed_out:
                 self._listed.pop(schedule.uid, None)  # it may be there: the next visit looks
+            if refused is None:
                 raise
             return refused
         self.view.put_job(ScheduledJob.from_object(made))

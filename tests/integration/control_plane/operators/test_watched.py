@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from bagpipe_operator.api.objects import Json
 from tests.integration.control_plane.client import Client, core, jobs
 from tests.integration.control_plane.conftest import StartOperator
 from tests.integration.control_plane.observe import children as made_in
@@ -85,6 +86,28 @@ def operator_of_two(
     process.kill()
 
 
+def await_children(admin: Client, namespace: str, job_names: list[str]) -> None:
+    """Until the jobs of a namespace have their drivers, and nothing else is there."""
+    wanted = expected_children(job_names)
+    wait_until(lambda: made_in(admin, namespace) == wanted, 2 * PATIENCE, "a job has no driver")
+
+
+def await_status(admin: Client, namespace: str, job_name: str) -> None:
+    """Until the operator has looked at a job."""
+    seen = f"nobody has looked at the job {job_name}"
+    wait_until(lambda: statuses(admin, namespace)[job_name] != {}, 2 * PATIENCE, seen)
+
+
+def operator_s_binding(admin: Client, namespace: str) -> tuple[str, Json]:
+    """Where a namespace's RoleBindings are, and the operator's, as it may be created again."""
+    bindings = ROLE_BINDINGS.format(namespace=namespace)
+    binding = next(
+        each for each in admin.items(bindings)
+        if any(subject["name"] == OPERATOR for subject in each["subjects"])
+    )  # fmt: skip
+    return bindings, {**binding, "metadata": {"name": binding["metadata"]["name"]}}
+
+
 @pytest.mark.usefixtures("narrow_operator")
 def test_jobs_run_in_the_namespaces_of_jobs_and_others_are_not_looked_at(
     admin: Client, namespace: str, elsewhere: str
@@ -101,24 +124,43 @@ def test_a_namespace_without_rights_holds_up_no_other_and_goes_on_when_it_has_so
     admin: Client, namespace: str, elsewhere: str, operator_of_two: OperatorProcess
 ) -> None:
     """Whoever administers a namespace may delete the RoleBinding there."""
-    bindings = ROLE_BINDINGS.format(namespace=elsewhere)
-    binding = next(
-        each for each in admin.items(bindings)
-        if any(subject["name"] == OPERATOR for subject in each["subjects"])
-    )  # fmt: skip
-    name = binding["metadata"]["name"]
-    admin.delete(f"{bindings}/{name}")
+    bindings, binding = operator_s_binding(admin, elsewhere)
+    admin.delete(f"{bindings}/{binding['metadata']['name']}")
     operator_of_two.start()
     create_jobs(admin, namespace, ["here"])
     create_jobs(admin, elsewhere, ["there"])
-    wanted = expected_children(["here"])
-    wait_until(lambda: made_in(admin, namespace) == wanted, PATIENCE, "the job has no driver")
+    await_children(admin, namespace, ["here"])
     assert operator_of_two.metric("bagpipe_unlisted_namespaces") == 1.0
     assert f"namespace {elsewhere} can't be watched" in operator_of_two.logged()
     assert statuses(admin, elsewhere) == {"there": {}}
-    admin.create(bindings, {**binding, "metadata": {"name": name}})
-    moved = "the job of the namespace that has its rights again was not looked at"
-    wait_until(lambda: statuses(admin, elsewhere)["there"] != {}, 2 * PATIENCE, moved)
+    admin.create(bindings, binding)
+    await_status(admin, elsewhere, "there")
+    assert operator_of_two.ended() is None
+
+
+def test_rights_that_go_while_the_operator_watches_hold_up_no_other_namespace(
+    control_plane: ControlPlane, namespace: str, elsewhere: str, operator_of_two: OperatorProcess
+) -> None:
+    """A watch that is open goes on without rights; the API server's restart ends all of them."""
+    admin = control_plane.admin
+    operator_of_two.start()
+    create_jobs(admin, elsewhere, ["before"])
+    await_status(admin, elsewhere, "before")
+    bindings, binding = operator_s_binding(admin, elsewhere)
+    admin.delete(f"{bindings}/{binding['metadata']['name']}")
+    control_plane.stop_api_server()
+    control_plane.start_api_server()
+    create_jobs(admin, elsewhere, ["after"])
+    create_jobs(admin, namespace, ["after"])
+    await_children(admin, namespace, ["after"])
+    unlisted = "bagpipe_unlisted_namespaces"
+    noticed = "the metric does not show which namespaces are listed"
+    wait_until(lambda: operator_of_two.metric(unlisted) == 1.0, 2 * PATIENCE, noticed)
+    assert statuses(admin, elsewhere)["after"] == {}
+    assert operator_of_two.ask("/readyz") == (200, "ok\n")
+    admin.create(bindings, binding)
+    await_status(admin, elsewhere, "after")
+    wait_until(lambda: operator_of_two.metric(unlisted) == 0.0, 2 * PATIENCE, noticed)
     assert operator_of_two.ended() is None
 
 

@@ -130,7 +130,8 @@ async def test_an_admitted_job_waits_for_nothing() -> None:
 
 @pytest.mark.parametrize(
     ("status", "text"),
-    [(status, "no") for status in (400, 403, 404, 413, 422)] + [(500, "failed calling webhook")],
+    [(status, "no") for status in (400, 403, 404, 413, 422)]
+    + [(500, "failed calling webhook"), (504, "context deadline exceeded")],
 )
 async def test_a_refused_workload_is_reported_and_asked_for_again_later(
     status: int, text: str

@@ -242,6 +242,18 @@ async def test_the_workload_of_an_ended_job_is_finished() -> None:
     assert world.api.calls.count("patch workload") == reported
 
 
+async def test_a_place_is_kept_while_the_pods_that_fill_it_can_not_be_deleted() -> None:
+    world = await running()
+    world.api.fail("delete x-1-exec-1", ApiError(500, "InternalError", "no webhook"))
+    world.deliver(make_driver("x").ended(0, account("Complete", verdict="Passed")))
+    with pytest.raises(ApiError, match="no webhook"):
+        await world.reconcile()
+    assert world.status()["phase"] == "Complete"
+    assert "Finished" not in [each["type"] for each in world.workload()["status"]["conditions"]]
+    await world.reconcile()
+    assert world.condition("Finished") == "True/Succeeded"
+
+
 async def test_that_of_a_failed_job_is_finished_too() -> None:
     world = await running()
     world.deliver(make_driver("x").ended(1, account("Failed", reason="BagUnreadable")))

@@ -15,6 +15,7 @@ from bagpipe_operator.schedules.job import name_taken, refusal_of
         (413, "request is too large", "CreationRefused"),
         (422, "spec.stack: Required value", "CreationRefused"),
         (500, "failed calling webhook: no answer", "CreationRefused"),
+        (504, "context deadline exceeded", "CreationRefused"),
         (403, "namespace lanes is being terminated", None),
         (0, "no answer", None),
         (409, "it already exists", None),

@@ -30,7 +30,7 @@ async def test_an_event_that_is_not_taken_is_written_later_and_holds_no_run_up(s
 
 async def test_an_event_whose_answer_was_lost_is_not_written_twice() -> None:
     world = World()
-    world.api.lost["event"] = True
+    world.api.lost["event"] = ApiError(0, "Unreachable", "no answer")
     await world.at(1)
     await world.at(1, 30)
     await world.at(2)
@@ -44,7 +44,7 @@ async def test_a_status_whose_answer_was_lost_is_reported_all_the_same(
 ) -> None:
     """The write has happened, and nothing is left to be written at the next visit."""
     world = World()
-    world.api.lost["patch"] = True
+    world.api.lost["patch"] = ApiError(0, "Unreachable", "no answer")
     with pytest.raises(ApiError, match="no answer"):
         await world.at(1)
     if not watch_is_behind:

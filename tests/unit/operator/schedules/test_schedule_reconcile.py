@@ -104,7 +104,7 @@ async def test_missed_runs_are_reported_also_where_the_start_had_no_answer(
     world = World()
     await world.at(1)
     if call == "create":
-        world.api.lost["create"] = True
+        world.api.lost["create"] = ApiError(0, "Unreachable", "no answer")
     else:
         world.api.fail("patch", ApiError(0, "Unreachable", "killed"))
     with pytest.raises(ApiError, match="Unreachable"):
@@ -227,7 +227,7 @@ async def test_after_its_deadline_a_run_is_missed() -> None:
 async def test_a_run_whose_job_was_made_without_an_answer_is_not_missed() -> None:
     """Its deadline is over before the watch has brought the job."""
     world = World(schedule="0 * * * *", startingDeadline="20s")
-    world.api.lost["create"] = True
+    world.api.lost["create"] = ApiError(0, "Unreachable", "no answer")
     with pytest.raises(ApiError, match="no answer"):
         await world.at(60, 20)
     await world.at(60, 21)
@@ -485,6 +485,23 @@ async def test_a_webhook_that_is_down_is_reported() -> None:
     await world.at(60, 5)
     assert world.names == [name_of(60)]
     assert world.events() == ["Warning/CreationRefused", "Normal/JobStarted"]
+
+
+@pytest.mark.parametrize("made", [False, True])
+async def test_a_webhook_that_hangs_is_reported_and_the_run_has_one_job(made: bool) -> None:
+    world = World(schedule="0 * * * *")
+    text = "Timeout: request did not complete within requested timeout - context deadline exceeded"
+    if made:  # what was given up is done after all
+        world.api.lost["create"] = ApiError(504, "Timeout", text)
+    else:
+        world.api.fail(f"create {name_of(60)}", ApiError(504, "Timeout", text))
+    with pytest.raises(ApiError, match="an admission webhook hangs"):
+        await world.at(60)
+    assert world.condition("OnTime") == ("False", "CreationRefused")
+    assert text in world.message("OnTime")
+    await world.at(60, 5)
+    assert world.names == [name_of(60)]
+    assert world.condition("OnTime") == ("True", "JobStarted")
 
 
 async def test_a_job_of_somebody_else_s_is_left_alone() -> None:

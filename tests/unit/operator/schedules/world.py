@@ -85,7 +85,7 @@ class FakeApi:
     written_events: list[Json] = field(default_factory=list)
     calls: list[str] = field(default_factory=list)
     faults: dict[str, list[ApiError]] = field(default_factory=dict)
-    lost: dict[str, bool] = field(default_factory=dict)  # answers that don't arrive
+    lost: dict[str, ApiError] = field(default_factory=dict)  # what comes in an answer's place
     version: int = 100
     pods: dict[str, Json] = field(default_factory=dict)
 
@@ -156,8 +156,8 @@ class FakeApi:
         return self.schedule
 
     def _answers(self, call: str) -> None:
-        if self.lost.pop(call, None):
-            raise ApiError(0, "Unreachable", "no answer")
+        if (error := self.lost.pop(call, None)) is not None:
+            raise error
 
     def _called(self, call: str) -> None:
         self.calls.append(call)

@@ -19,7 +19,7 @@ class KubernetesKueueApi(KubernetesApi):
     """KueueApi over the official asyncio client."""
 
     async def create_workload(self, manifest: Json) -> Json:
-        return await self._call("POST", _path(manifest["metadata"]["namespace"]), manifest)
+        return await self._create(_path(manifest["metadata"]["namespace"]), manifest)
 
     async def get_workload(self, namespace: str, name: str) -> Json:
         return await self._call("GET", _path(namespace, name))

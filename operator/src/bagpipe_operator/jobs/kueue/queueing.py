@@ -217,7 +217,9 @@ class Queueing:
         except UnusableSpecError:
             self._refused[job.uid] = None
         except ApiError as error:
-            if error.status in {400, 403, 404, 413, 422} or error.webhook_is_down:
+            # A webhook that hangs may have been waited for in vain: the next visit looks first.
+            hindered = error.webhook_is_down or error.timed_out
+            if error.status in {400, 403, 404, 413, 422} or hindered:
                 self._refuse(job, f"Its Workload can't be created: {error.message}")
             else:
                 raise
