@@ -15,6 +15,7 @@ from bagpipe.driver.progress import Progress
 from bagpipe.driver.results import Results
 from bagpipe.driver.row_file import RowFile
 from bagpipe.plan.case import Case
+from bagpipe.plan.conditions import Conditions
 from bagpipe.plan.fragments import Window
 from bagpipe.plan.made import Plan, Unplanned
 from bagpipe.run.case_run import Row, unplanned_row
@@ -205,3 +206,21 @@ def test_results_that_can_t_even_be_looked_for_are_a_refusal(
     monkeypatch.setattr(Storage, "exists", refuse)
     with pytest.raises(CannotResumeError, match="can't be read: the server answers 503"):
         world.taken()
+
+
+@pytest.mark.parametrize(
+    ("ran_with", "planned", "taken"), [(1, 1, True), (1, 1.0, True), (1, True, False)]
+)
+def test_a_value_of_another_type_is_another_case(
+    world: World, ran_with: object, planned: Any, taken: bool
+) -> None:
+    """Python has 1 equal to true: what passed with one would stand for the other."""
+    values = dataclasses.replace(case("a"), conditions=Conditions("", 0, {"flag": planned}))
+    row = ran("a", scenario=0, values={"flag": ran_with})
+    world.publish(row)
+    world.earlier = EarlierResults(job="old", results=FOLDER, cases=1)
+    if taken:
+        assert [each["case"] for each in world.taken(Plan([values], []))] == ["a"]
+    else:
+        with pytest.raises(CannotResumeError, match="is not among this job's cases"):
+            world.taken(Plan([values], []))

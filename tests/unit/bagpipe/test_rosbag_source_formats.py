@@ -6,7 +6,9 @@ from typing import Any
 import pytest
 from rosbags.typesys import Stores, get_typestore
 
-from bagpipe.rosbag_source import RosbagReader
+from bagpipe.plan.bag_tail import BagTail
+from bagpipe.plan.fragments import FragmentPlan, Window, cut_one
+from bagpipe.rosbag_source import RosbagReader, planning
 from bagpipe.rosbag_source.columns import Decoder
 from bagpipe.rosbag_source.messages import messages
 from bagpipe.rosbag_source.planning import TopicType, parse_options, plan, topic_type
@@ -83,6 +85,30 @@ def test_fragments_of_a_folder_read_only_what_they_need(tmp_path: Path) -> None:
     assert {len(fragment.parts) for fragment in fragments} == {1}
     sizes = sum(path.stat().st_size for path in metadata.parent.glob("*.mcap"))
     assert all(sum(part.bytes for part in each.parts) < sizes / 2 for each in fragments)
+
+
+def test_only_the_fragments_that_are_narrowed_look_at_all_chunks_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    narrowed = list[int]()
+
+    def counted(tail: BagTail, topics: list[str], window: Window) -> FragmentPlan:
+        narrowed.append(window.start)
+        return cut_one(tail, topics, window)
+
+    monkeypatch.setattr(planning, "cut_one", counted)
+    metadata = folder(tmp_path / "drive", Form("mcap"), halves(drive()))
+    whole = plan(options(metadata.as_uri(), topics="/a", fragment=1), STORAGE)
+    assert (len(whole), narrowed) == (6, [])
+    start, end = START + 500 * MS, START + 4500 * MS
+    some = plan(options(metadata.as_uri(), topics="/a", fragment=1, start=start, end=end), STORAGE)
+    assert len(some) == 5
+    assert (narrowed, some[0].window.start, some[-1].window.end) == (
+        [start, some[-1].window.start], start, end,
+    )  # fmt: skip
+    assert some[1:-1] == whole[1:4]
+    # Before all messages is no message, and not each.
+    assert plan(options(metadata.as_uri(), end=0), STORAGE) == []
 
 
 def test_values_of_ros_2_come_out_as_they_went_in() -> None:

@@ -35,6 +35,12 @@ def test_all_combinations_in_the_order_in_which_they_are_written() -> None:
             [0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0],
         ),
         ({"from": 1, "to": 2.5}, [1, 2]),
+        ({"from": 0, "to": 1, "step": 1 / 3}, [0.0, 1 / 3, 0.6666666666666666, 1.0]),
+        (
+            {"from": 1700000000.0, "to": 1700000000.02, "step": 0.004},
+            [1700000000 + n / 1000 for n in (0, 4, 8, 12, 16, 20)],
+        ),
+        ({"from": 10**17, "to": 10**17 + 2}, [10**17, 10**17 + 1, 10**17 + 2]),
         ({"from": -1, "to": -1}, [-1]),
         ({"choices": [{"value": "dry", "weight": 3}, {"value": "rain"}]}, ["dry", "rain"]),
     ],
@@ -128,6 +134,8 @@ def test_a_rule_that_can_t_be_used_is_refused_with_its_place(
         ({"variables": {"a": {"from": 2, "to": 1}}}, "is below from"),
         ({"variables": {"a": {"from": 0, "to": 1, "step": 0}}}, "step above zero"),
         ({"variables": {"a": {"from": 0, "to": 1e9}}}, "larger step"),
+        # Each of these floats is two from the next.
+        ({"variables": {"a": {"from": 1e16, "to": 1e16 + 8, "step": 1.5}}}, "a larger one"),
         ({"variables": {"a": [float("nan")]}}, "finite"),
         ({"variables": {"a": [1]}, "include": [{"b": 1}]}, "give each of a a value"),
         ({"variables": {}}, "at least 1"),

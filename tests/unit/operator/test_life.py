@@ -548,6 +548,52 @@ async def test_other_files_of_the_stack_are_another_stack(
         assert reason in world.message("Failed")
 
 
+def resumed_or_refused(world: World) -> bool:
+    """Whether the job goes on from the earlier one, or was refused for that alone."""
+    if "resumedFrom" in world.status():
+        return True
+    assert world.reason("Failed") == "True/ResumeRefused"
+    return False
+
+
+@pytest.mark.parametrize(
+    ("before", "now", "resumes"),
+    [(1, True, False), (True, 1, False), (0, False, False), (1, 1.0, True), ([1], [True], False)],
+)
+async def test_a_parameter_of_another_type_is_another_stack(
+    before: object, now: object, resumes: bool
+) -> None:
+    """Python has 1 equal to true, and ROS has not."""
+    job = make_job("x").with_spec("resumeFrom", "old")
+    world = World(job.with_spec("stack", STACK | {"parameters": {"/use_lidar": now}}))
+    world.api.put("jobs", earlier(stack=STACK | {"parameters": {"/use_lidar": before}}))
+    await world.reconcile()
+    assert resumed_or_refused(world) == resumes
+
+
+@pytest.mark.parametrize(
+    ("before", "now", "resumes"),
+    [
+        ({"maxYawError": 3.141592653589793}, {}, True),
+        ({"yaw": 0.5, "maxYawError": 0.2}, {"yaw": 0.5, "maxYawError": 0.1}, False),
+        ({"yaw": 0.5, "maxYawError": 0.2}, {}, False),
+    ],
+)
+async def test_a_bound_that_an_earlier_crd_has_stored_decides_nothing(
+    before: Json, now: Json, resumes: bool
+) -> None:
+    def criteria(heading: Json) -> list[Json]:
+        pose = {"topic": "/lane_pose", "position": [0, 0], "maxDistance": 1} | heading
+        return [{"name": "end", "finalPose": pose}]
+
+    record = {"topics": ["/lane_pose"]}
+    job = make_job("x").with_spec("resumeFrom", "old").with_spec("record", record)
+    world = World(job.with_spec("evaluate", criteria(now)))
+    world.api.put("jobs", earlier(evaluate=criteria(before), record=record))
+    await world.reconcile()
+    assert resumed_or_refused(world) == resumes
+
+
 async def test_more_memory_for_the_stack_does_not_hinder_going_on() -> None:
     world = World(make_job("x").with_spec("resumeFrom", "old"))
     more = STACK | {"resources": {"limits": {"memory": "4Gi"}}, "imagePullPolicy": "Always"}

@@ -79,9 +79,7 @@ class Descriptor:
     def _joined(self, storage: Storage) -> bytes:
         """The parts as one file of MCAP, in memory. Raises StorageError."""
         try:
-            metadata = read_metadata(self.uri, storage)
-            if metadata.version != self.version:
-                raise StorageError(f"{self.uri} is no longer the file that was planned")
+            metadata = read_metadata(self.uri, storage, self.version)
             return joined(self.parts, metadata, storage, {})
         except BagError as error:
             raise StorageError(f"{self.uri}: {error}") from error

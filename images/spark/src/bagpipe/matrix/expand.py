@@ -7,6 +7,7 @@ import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from decimal import Decimal
 
 from bagpipe.matrix.faults import MatrixError
 from bagpipe.matrix.model import Choices, Matrix, Scalar, Span, Variable, one_value
@@ -16,6 +17,8 @@ from bagpipe.matrix.sampling import pairwise, stratified
 # Beyond this nobody reads a plan, and the driver would spend its memory on it.
 MOST_COMBINATIONS = 1_000_000
 MOST_SCENARIOS = 1_000_000
+# Of a step: what is as near to a range's end as this is its end.
+_NEAR = Decimal("1e-9")
 
 Values = dict[str, Scalar]
 
@@ -65,12 +68,15 @@ def values_of(variable: Variable) -> list[Scalar]:
 
 
 def _numbers(span: Span) -> list[Scalar]:
-    """Integers stay integers; the last value is met although decimal steps have no exact floats."""
-    count = math.floor((span.last - span.first) / span.step + 1e-9) + 1
-    numbers = [span.first + index * span.step for index in range(count)]
+    """Integers stay integers; all else is reckoned in decimals, as it is written: steps of 0.1 have
+    no exact floats. The last value is met although a third of it has no exact decimals either.
+    """
+    first, last, step = (Decimal(repr(n)) for n in (span.first, span.last, span.step))
+    near = _NEAR * step
+    numbers = [first + index * step for index in range(int((last + near - first) / step) + 1)]
     if all(isinstance(n, int) for n in (span.first, span.step)):
         return [int(number) for number in numbers]
-    return [float(f"{number:.12g}") for number in numbers]
+    return [float(last if abs(number - last) <= near else number) for number in numbers]
 
 
 def expand(matrix: Matrix) -> Expansion:

@@ -51,6 +51,12 @@ class Span(_Model):
             raise ValueError(f"to ({self.last:g}) is below from ({self.first:g}): swap them")
         if (self.last - self.first) / self.step >= MOST_VALUES:
             raise ValueError(f"a range has at most {MOST_VALUES} values: write a larger step")
+        whole = all(isinstance(n, int) for n in (self.first, self.step))
+        if not whole and self.step < math.ulp(max(abs(self.first), abs(self.last))):
+            raise ValueError(
+                f"step ({self.step:g}) is less than numbers as large as {self.last:g} can differ"
+                " by: write a larger one"
+            )
         return self
 
 

@@ -8,6 +8,8 @@ was compressed as a whole, is read whole, and its parts have one range: all of i
 
 import bisect
 import contextlib
+import hashlib
+import json
 import posixpath
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -132,8 +134,11 @@ class Rosbag2:
 
     @property
     def version(self) -> str:
-        """The mark of its metadata; those of its files are in the parts of a case."""
-        return self.metadata.version
+        """The mark of its metadata, and behind it one that changes with any of its files, also with
+        one that no part of a case is of: a truth may be in it.
+        """
+        marks = json.dumps([file.file.version for file in self._files])
+        return f"{self.metadata.version}:{hashlib.sha256(marks.encode()).hexdigest()[:32]}"
 
     def times(self, chunk: Chunk) -> dict[int, list[int]]:
         """Times in ns of a chunk's messages, for each connection of the recording.

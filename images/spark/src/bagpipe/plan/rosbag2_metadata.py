@@ -52,9 +52,12 @@ def is_folder(uri: str) -> bool:
     return posixpath.basename(uri) == METADATA
 
 
-def read_metadata(uri: str, storage: Storage) -> Metadata:
-    """The metadata at a URI. Raises BagError and StorageError."""
-    file = storage.open(uri)
+def read_metadata(uri: str, storage: Storage, folder_version: str = "") -> Metadata:
+    """The metadata at a URI, as it was when the folder had this version, if one is given.
+
+    Raises BagError and StorageError.
+    """
+    file = storage.open(uri, folder_version.rpartition(":")[0])
     if file.size > MOST_METADATA_BYTES:
         raise BagError(
             "BagUnreadable", f"it has {file.size} bytes, expected at most {MOST_METADATA_BYTES}"

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from bagpipe.plan.bag_tail import BagError, BagTail, Connection, connection_fields
-from bagpipe.plan.fragments import Window, cut, cut_one
+from bagpipe.plan.by_time import ChunksByTime
+from bagpipe.plan.fragments import FragmentPlan, Window, cut, cut_one
 from bagpipe.plan.left_out import check_left_out
 from bagpipe.plan.part import Part
 from bagpipe.plan.rosbag2 import Rosbag2, in_folders, without_members
@@ -161,15 +162,12 @@ def _of_recording(options: Options, storage: Storage, uri: str) -> list[Fragment
 
 def _of_bag(options: Options, file: OpenFile, tail: BagTail) -> list[Fragment]:
     types = _types(options, file, tail.connections)
+    holding = ChunksByTime(chunk for chunk in tail.chunks if any(map(chunk.counts.get, types)))
     found = []
-    for window in _windows(options, tail, file.uri):
-        chunks = tuple(
-            (chunk.offset, chunk.end)
-            for chunk in tail.chunks
-            if chunk.start_time < window.end and chunk.end_time >= window.start
-            if any(chunk.counts.get(connection) for connection in types)
-        )
-        if chunks:
+    for window, _ in _windows(options, tail, file.uri):
+        near = holding.near(window.start, window.end)
+        if near:
+            chunks = tuple(sorted((chunk.offset, chunk.end) for chunk in near))
             found.append(Fragment(file.uri, window, chunks, types, file.version))
     return found
 
@@ -181,23 +179,27 @@ def _of_parts(options: Options, found: McapFile | Rosbag2, uri: str) -> list[Fra
         check_left_out(found.tail, topics, found.times)
     except BagError as error:
         raise StorageError(f"{uri}: {error}") from error
-    for window in _windows(options, found.tail, uri):
-        parts = found.parts(cut_one(found.tail, topics, window), topics)
+    for window, planned in _windows(options, found.tail, uri):
+        # Each by itself looks at all chunks again: at most those at both ends are narrowed.
+        narrowed = planned.window != window
+        parts = found.parts(cut_one(found.tail, topics, window) if narrowed else planned, topics)
         if parts:
             fragments.append(Fragment(uri, window, (), {}, found.version, tuple(parts)))
     return fragments
 
 
-def _windows(options: Options, tail: BagTail, uri: str) -> Iterator[Window]:
+def _windows(options: Options, tail: BagTail, uri: str) -> Iterator[tuple[Window, FragmentPlan]]:
+    """What is to be read of each fragment, and the fragment."""
     try:
         parts = cut(tail, list(options.topics), options.fragment, 0)
     except BagError as error:
         raise StorageError(f"{uri}: {error}") from error
     for part in parts:
-        start = max(part.window.start, options.start or part.window.start)
-        end = min(part.window.end, options.end or part.window.end)
+        window = part.window
+        start = window.start if options.start is None else max(window.start, options.start)
+        end = window.end if options.end is None else min(window.end, options.end)
         if start < end:
-            yield Window(start, start, end)
+            yield Window(start, start, end), part
 
 
 def _types(options: Options, file: OpenFile, connections: list[Connection]) -> dict[int, TopicType]:

@@ -50,7 +50,7 @@ def recording(uri: str, storage: Storage) -> Bag | McapFile | Rosbag2:
     """What is at a URI, by its index. Raises StorageError."""
     try:
         if is_folder(uri):
-            return Rosbag2(read_metadata(uri, storage), storage)
+            return Rosbag2(read_metadata(uri, storage), storage, most_times=0)
         file = storage.open(uri)
         tail = read_tail(file.read, file.size)
     except BagError as error:

@@ -19,6 +19,7 @@ from bagpipe.engine.chosen import engine_of
 from bagpipe.engine.engine import Attempt, Played
 from bagpipe.engine_fields import fields_of
 from bagpipe.faults import FAILURES, FaultPolicy
+from bagpipe.json_equality import same
 from bagpipe.plan.case import Case
 from bagpipe.plan.made import Unplanned
 from bagpipe.plan.variant import image_of, stack_of
@@ -120,7 +121,7 @@ def unplanned_row(bag: Unplanned) -> Row:
 
 def is_of(row: Row, case: Case) -> bool:
     """Whether a row was made of this very case: the same window of the same, unchanged file."""
-    return all(row.get(key) == value for key, value in _identity(case).items())
+    return all(same(row.get(key), value) for key, value in _identity(case).items())
 
 
 def _identity(case: Case) -> Row:

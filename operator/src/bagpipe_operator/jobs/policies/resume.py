@@ -1,5 +1,6 @@
 """The job that spec.resumeFrom names: whether its results may be taken over. The rule is pure."""
 
+from bagpipe.json_equality import same
 from bagpipe.spec import SimulationJobSpec, claims
 from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import Api, ApiError
@@ -47,13 +48,13 @@ def earlier_results(job: JobView, spec: SimulationJobSpec, earlier: JobView) -> 
             " Failed, or delete this job."
         )
     for section in sorted({*job.spec, *earlier.spec} - INDIFFERENT_SECTIONS):
-        if _decisive(job, section) != _decisive(earlier, section):
+        if not same(_decisive(job, section), _decisive(earlier, section)):
             raise CannotResumeError(
                 f"spec.{section} is not that of job {name}, which spec.resumeFrom names, so its"
                 " results say nothing of this job's cases: write the same, or leave out"
                 " spec.resumeFrom."
             )
-    if _mounted(job) != _mounted(earlier):
+    if not same(_mounted(job), _mounted(earlier)):
         raise CannotResumeError(
             "The volumes of spec.spark.executor.pod that spec.stack.volumeMounts names are not"
             f" those of job {name}, which spec.resumeFrom names: its cases ran with other files."
@@ -87,6 +88,18 @@ def _mounted(job: JobView) -> list[Json]:
 
 def _decisive(job: JobView, section: str) -> object:
     part = job.spec.get(section)
+    if section == "evaluate" and isinstance(part, list):
+        return [_without_any_heading(criterion) for criterion in part]
     if section != "stack" or not isinstance(part, dict):
         return part
     return {key: value for key, value in part.items() if key not in _INDIFFERENT}
+
+
+def _without_any_heading(criterion: Json) -> Json:
+    """Of a final pose without a heading the bound of its error decides nothing: jobs that a CRD of
+    before has stored have one by default."""
+    pose = criterion.get("finalPose")
+    if not isinstance(pose, dict) or "yaw" in pose:
+        return criterion
+    bounds = {key: value for key, value in pose.items() if key != "maxYawError"}
+    return criterion | {"finalPose": bounds}

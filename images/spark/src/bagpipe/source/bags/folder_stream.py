@@ -16,7 +16,7 @@ from bagpipe.plan.part import Part
 from bagpipe.plan.rosbag2 import Rosbag2, joined
 from bagpipe.plan.rosbag2_metadata import Metadata, read_metadata
 from bagpipe.source.bags.stream import part_file
-from bagpipe.storage import Storage
+from bagpipe.storage import Storage, StorageError
 from bagpipe.topic_names import resolve
 from bagpipe.wire.frames import payloads
 from bagpipe.wire.session import InputFile, SessionError
@@ -40,11 +40,13 @@ def folder_truth(case: Case, topics: set[str], storage: Storage) -> bytes:
     Raises SessionError, BagError and StorageError, which is also that the folder has changed since
     the case was planned.
     """
-    storage.open(case.bag, case.bag_version)
-    for part in case.parts:
-        storage.open(part.bag, part.version)
     metadata = _metadata(case, storage)
     folder = Rosbag2(metadata, storage, most_times=0)
+    if folder.version != case.bag_version:
+        raise StorageError(
+            f"{case.bag}: one of its files is no longer the file that was planned: run the job"
+            " again once nobody writes there"
+        )
     named = sorted(topics)
     check_left_out(folder.tail, named, folder.times, case.window)
     parts = folder.parts(cut_one(folder.tail, named, case.window), named)
@@ -64,7 +66,7 @@ def times_of_folder(case: Case, topics: list[str], storage: Storage) -> list[int
 
 def _metadata(case: Case, storage: Storage) -> Metadata:
     try:
-        return read_metadata(case.bag, storage)
+        return read_metadata(case.bag, storage, case.bag_version)
     except BagError as error:
         raise SessionError("BagUnreadable", f"{case.bag}: {error}") from error
 
