@@ -183,6 +183,17 @@ def test_what_is_measured_otherwise_under_one_name_is_named_and_not_compared() -
         assert compared(now, before).verdict == "worse"
 
 
+def test_a_latency_of_a_slow_play_that_one_case_lacks_is_of_the_same() -> None:
+    """A stack that crashed has no figure, and measures nothing else for that."""
+    then = marked("slowed-0.5-a", 0.050)
+    crashed = row(7, "", "failed", reason="StackCrashed") | {"criteria": []}
+    for now, before in (([*then[:-1], crashed], then), (then, [*then[:-1], crashed])):
+        found = compared(now, before)
+        assert "not compared" not in found.message
+        [one] = [each for each in found.criteria if each.name == "latency"]
+        assert one.pairs == RECORDINGS - 1
+
+
 def test_a_case_that_had_no_input_is_not_missed() -> None:
     """Of a window in which nothing was recorded this release makes no case."""
     both = marked("", 0.050)

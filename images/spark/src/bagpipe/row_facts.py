@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from typing import Any
 
 Row = Mapping[str, Any]
@@ -48,6 +48,19 @@ def figures_of(finding: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     figures = finding.get("figures")
     several = [each for each in figures if isinstance(each, Mapping)] if figures else []
     return several or [finding]
+
+
+def of_other_measures(before: Set[str], after: Set[str]) -> bool:
+    """Whether figures with these marks (`measures`) are known to be of something else.
+
+    Releases before had no mark, and latencies of slow plays in bag time.
+    """
+    if not before or not after:  # where nothing was measured, nothing else was
+        return False
+    if any(mark.startswith(SLOWED) for mark in before | after):
+        return before != after
+    known = before - {""}, after - {""}
+    return all(known) and known[0] != known[1]
 
 
 def discarded_runs(row: Row) -> list[dict[str, Any]]:

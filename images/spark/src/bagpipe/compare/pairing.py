@@ -6,7 +6,14 @@ from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, Self, TypeVar
 
 from bagpipe.compare.delivery import DISCARDED, FIGURES, LOSS, delivery, left_out
-from bagpipe.row_facts import NOTHING_PLAYED, SLOWED, Key, figures_of, key_of, quarantine_of
+from bagpipe.row_facts import (
+    NOTHING_PLAYED,
+    Key,
+    figures_of,
+    key_of,
+    of_other_measures,
+    quarantine_of,
+)
 
 Row = Mapping[str, Any]
 
@@ -193,15 +200,8 @@ def figures_of_both(
 
 
 def measures_differ(series: Series, then: Rounds, now: Rounds) -> bool:
-    """Whether a criterion is known to have measured something else under the same name.
-
-    Releases before had no mark, and latencies of slow plays in bag time.
-    """
-    before, after = then.marks.get(series, set()), now.marks.get(series, set())
-    if any(mark.startswith(SLOWED) for mark in before | after):
-        return before != after
-    known = before - {""}, after - {""}
-    return all(known) and known[0] != known[1]
+    """Whether a criterion is known to have measured something else under the same name."""
+    return of_other_measures(then.marks.get(series, set()), now.marks.get(series, set()))
 
 
 def windows_differ(then: Rounds, now: Rounds) -> bool:
