@@ -29,8 +29,10 @@ def mark(
         ("bounds", {"min": 0, "max": 7}),
         ("expression", {"share": 0.9}),
         ("error", {"max": 7, "stampTolerance": "0.05s"}),
+        ("error", {"anyFrame": False}),
         ("finalPose", {"maxDistance": 3, "maxYawError": 0.5}),
         ("separation", {"minDistance": 4, "minTimeToCollision": 2, "maxAge": "0.5s"}),
+        ("separation", {"anyFrame": True}),
         ("resources", {"maxCpu": 3, "maxMemory": "1Gi"}),
     ],
 )
@@ -77,6 +79,15 @@ def test_a_heading_that_is_asked_for_as_well_leaves_the_distance_what_it_was() -
     given = {k: v for k, v in GOOD["finalPose"].items() if k not in {"yaw", "maxYawError"}}
     without = Criterion.model_validate({"name": "c", "finalPose": given})
     assert mark_of(without, "m", 1.0) == mark("finalPose")
+
+
+def test_what_is_so_without_a_word_makes_a_figure_no_other_one_where_it_is_written() -> None:
+    topic, fields = GOOD["error"]["topic"], GOOD["error"]["fields"]
+    recorded: Value = {"truth": None, "recording": True}
+    assert mark("error", recorded | {"truth": topic}) == mark("error", recorded)
+    assert mark("error", {"truthFields": fields}) == mark("error", {"truthFields": []})
+    for other in ({"truth": "/other", "recording": True}, {"truthFields": ["x"] * len(fields)}):
+        assert mark("error", other) not in {mark("error"), mark("error", recorded)}
 
 
 def test_a_latency_of_a_slow_play_is_compared_with_one_as_slow() -> None:

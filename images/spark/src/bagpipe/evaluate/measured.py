@@ -9,10 +9,10 @@ from bagpipe.evaluate.model import Criterion
 from bagpipe.row_facts import SLOWED
 from bagpipe.texts import duration_seconds
 
-# What is demanded of a figure, or of how much it is judged on, makes it no other figure.
+# What is demanded of a figure, or of what it is judged on, makes it no other figure.
 _DEMANDED = frozenset({
     "min", "max", "min_coverage", "share", "max_distance", "max_yaw_error", "min_distance",
-    "min_time_to_collision", "max_cpu", "max_memory",
+    "min_time_to_collision", "max_cpu", "max_memory", "any_frame",
 })  # fmt: skip
 _DURATIONS = frozenset({"stamp_tolerance", "max_age"})
 # What one of several figures of a kind, by its unit, does not depend on.
@@ -43,9 +43,7 @@ def mark_of(criterion: Criterion, unit: str, rate: float) -> str:
         return ""
     measurement = criterion.measurement
     # Without defaults, so that a field of a later release makes no figure another one.
-    elsewhere = _ELSEWHERE.get((criterion.kind, unit), set())
-    left_out = {*_DEMANDED, *_DURATIONS, *elsewhere}
-    given = measurement.model_dump(exclude=left_out, exclude_defaults=True)
+    given = measurement.model_dump(exclude=_left_out(criterion, unit), exclude_defaults=True)
     for name in _DURATIONS & type(measurement).model_fields.keys():
         seconds = duration_seconds(getattr(measurement, name))
         if seconds != duration_seconds(type(measurement).model_fields[name].default):
@@ -53,3 +51,15 @@ def mark_of(criterion: Criterion, unit: str, rate: float) -> str:
     slowed = f"{SLOWED}{rate:g}-" if criterion.latency is not None and rate < 1 else ""
     text = json.dumps([criterion.kind, given], sort_keys=True)
     return slowed + hashlib.sha256(text.encode()).hexdigest()[:12]
+
+
+def _left_out(criterion: Criterion, unit: str) -> set[str]:
+    """Names of fields that make the figure of that unit no other one."""
+    names = {*_DEMANDED, *_DURATIONS, *_ELSEWHERE.get((criterion.kind, unit), ())}
+    error = criterion.error
+    # Both are so as well where nothing is written.
+    if error is not None and error.truth_fields == error.fields:
+        names.add("truth_fields")
+    if error is not None and error.recording and error.truth == error.topic:
+        names.add("truth")
+    return names
