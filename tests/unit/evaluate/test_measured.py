@@ -7,6 +7,7 @@ import pytest
 from bagpipe.evaluate.judge import evaluate
 from bagpipe.evaluate.measured import mark_of
 from bagpipe.evaluate.model import Criterion
+from bagpipe.row_facts import SLOWED
 from tests.unit.crds.test_criteria_refusals import GOOD
 from tests.unit.evaluate.recordings import evidence, stamped
 
@@ -90,10 +91,14 @@ def test_what_is_so_without_a_word_makes_a_figure_no_other_one_where_it_is_writt
         assert mark("error", other) not in {mark("error"), mark("error", recorded)}
 
 
-def test_a_latency_of_a_slow_play_is_compared_with_one_as_slow() -> None:
-    assert mark("latency", rate=0.5) not in {mark("latency"), mark("latency", rate=0.1)}
-    assert mark("latency", rate=2.0) == mark("latency")
-    assert mark("rate", rate=0.5) == mark("rate")
+def test_a_latency_is_compared_with_one_of_a_play_as_slow_or_as_fast() -> None:
+    """In a fast play it is in bag time, of which a stack takes `rate` times as much."""
+    rates = (0.1, 0.5, 1.0, 2.0, 4.0)
+    marks = [mark("latency", rate=rate) for rate in rates]
+    assert len(set(marks)) == len(rates)
+    assert [each.startswith(SLOWED) for each in marks] == [True, True, False, False, False]
+    for kind in GOOD.keys() - {"latency"}:
+        assert len({mark(kind, rate=rate) for rate in rates}) == 1
 
 
 def test_what_a_user_s_own_evaluator_measures_is_not_known() -> None:

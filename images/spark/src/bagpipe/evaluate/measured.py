@@ -48,8 +48,11 @@ def mark_of(criterion: Criterion, unit: str, rate: float) -> str:
         seconds = duration_seconds(getattr(measurement, name))
         if seconds != duration_seconds(type(measurement).model_fields[name].default):
             given[name] = seconds
-    slowed = f"{SLOWED}{rate:g}-" if criterion.latency is not None and rate < 1 else ""
-    text = json.dumps([criterion.kind, given], sort_keys=True)
+    latency = criterion.latency is not None
+    slowed = f"{SLOWED}{rate:g}-" if latency and rate < 1 else ""
+    # In a fast play it is in bag time: so many times what it is in real time.
+    faster = [f"{rate:g}"] if latency and rate > 1 else []
+    text = json.dumps([criterion.kind, given, *faster], sort_keys=True)
     return slowed + hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
