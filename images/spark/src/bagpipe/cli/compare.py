@@ -93,7 +93,7 @@ def compared(before: StoredResults, after: StoredResults) -> list[dict[str, Any]
     """Each variant of `after` against the first of `before`. Raises StorageError."""
     for stored in (before, after):
         stored.head()
-    rows = list(after.rows())
+    rows = list(after.marked_rows())
     spec = after.spec()
     variants = [variant.name for variant in spec.variants] if spec else []
     variants = variants or list(dict.fromkeys(str(row.get("variant") or "") for row in rows))

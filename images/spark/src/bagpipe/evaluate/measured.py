@@ -22,6 +22,9 @@ _ELSEWHERE = {
     ("separation", "m"): {"radius"},
 }
 
+# The rate at which bag time is real time.
+_REAL_TIME = "1"
+
 
 def marked(finding: Finding, criterion: Criterion, rate: float) -> Finding:
     """The finding with the marks of its figures, in a play of that rate."""
@@ -39,6 +42,20 @@ def mark_of(criterion: Criterion, unit: str, rate: float) -> str:
     Empty for a user's own evaluator: what it measures is not known, and its ConfigMap may have
     another name in each version.
     """
+    if criterion.latency is not None and rate < 1:
+        return f"{SLOWED}{rate:g}-{_mark(criterion, unit, _REAL_TIME)}"
+    return earlier_mark_of(criterion, unit, "realtime", rate)
+
+
+def earlier_mark_of(criterion: Criterion, unit: str, mode: str, rate: float) -> str:
+    """That of a figure of a release which wrote none: it had every latency in bag time, so many
+    times that in real time, or in another mode that of an input.
+    """
+    pace = f"{rate:g}" if mode == "realtime" else mode
+    return _mark(criterion, unit, pace if criterion.latency is not None else _REAL_TIME)
+
+
+def _mark(criterion: Criterion, unit: str, pace: str) -> str:
     if criterion.own is not None:
         return ""
     measurement = criterion.measurement
@@ -48,12 +65,9 @@ def mark_of(criterion: Criterion, unit: str, rate: float) -> str:
         seconds = duration_seconds(getattr(measurement, name))
         if seconds != duration_seconds(type(measurement).model_fields[name].default):
             given[name] = seconds
-    latency = criterion.latency is not None
-    slowed = f"{SLOWED}{rate:g}-" if latency and rate < 1 else ""
-    # In a fast play it is in bag time: so many times what it is in real time.
-    faster = [f"{rate:g}"] if latency and rate > 1 else []
-    text = json.dumps([criterion.kind, given, *faster], sort_keys=True)
-    return slowed + hashlib.sha256(text.encode()).hexdigest()[:12]
+    paced = [] if pace == _REAL_TIME else [pace]
+    text = json.dumps([criterion.kind, given, *paced], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
 def _left_out(criterion: Criterion, unit: str) -> set[str]:

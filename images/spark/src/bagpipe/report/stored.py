@@ -9,6 +9,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from bagpipe.evaluate.unmarked import EarlierMarks
 from bagpipe.row_facts import OUTCOMES, counts_of
 from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage, StorageError
@@ -73,8 +74,15 @@ class StoredResults:
         for number, line in enumerate(self.storage.open(uri).lines(), start=1):
             yield _row(line, uri, number)
 
+    def marked_rows(self) -> Iterator[Row]:
+        """The lines, with a mark of what each figure measures also where a release before wrote
+        none.
+        """
+        marks = EarlierMarks(self._spec_as_stored())
+        return map(marks.added, self.rows())
+
     def baseline_rows(self) -> Iterator[Row]:
-        """The lines of the first variant, where the job had several; else all.
+        """The marked lines of the first variant, where the job had several; else all.
 
         Also refused, at the latest at their end, where a part is missing: what got worse in it
         would be taken for new.
@@ -82,7 +90,7 @@ class StoredResults:
         expected = self._lines_of_all()
         first = self._first_variant()
         lines, variants = 0, set()
-        for row in self.rows():
+        for row in self.marked_rows():
             lines += 1
             variants.add(str(row.get("variant") or ""))
             if first is None and len(variants) > 1:
@@ -100,13 +108,20 @@ class StoredResults:
 
     def _first_variant(self) -> str | None:
         """Its name, whatever else the job's spec has; None of a job without variants."""
-        if not self.storage.exists(posixpath.join(self.uri, JOB)):
-            return None
+        variants = self._spec_as_stored().get("variants") or []
         try:
-            variants = (self._map(JOB).get("spec") or {}).get("variants") or []
             return str(variants[0]["name"]) if variants else None
-        except (AttributeError, KeyError, TypeError, IndexError) as error:
+        except (TypeError, KeyError, IndexError) as error:
             raise StorageError(f"{self.uri}/{JOB} is no job: {error!r}") from error
+
+    def _spec_as_stored(self) -> dict[str, Any]:
+        """The job's, of whatever form its fields are; empty where it was not kept."""
+        if not self.storage.exists(posixpath.join(self.uri, JOB)):
+            return {}
+        spec = self._map(JOB).get("spec") or {}
+        if not isinstance(spec, dict):
+            raise StorageError(f"{self.uri}/{JOB} is no job: its spec is no map")
+        return spec
 
     def _lines_of_all(self) -> int | None:
         """How many lines there are, of a job of which all cases ran; None without a manifest."""
