@@ -15,14 +15,15 @@ from tests.unit.bagpipe.jobs import make_row
 def finding(distance: float, seconds: float) -> dict[str, Any]:
     figures = [
         {"outcome": "passed", "figure": distance, "unit": "m", "limit": "at least 2 m",
-         "direction": "higher"},
+         "direction": "higher", "measures": "0f"},
         {"outcome": "passed", "figure": seconds, "unit": "s", "limit": "at least 1 s",
-         "direction": "higher"},
+         "direction": "higher", "measures": "1e"},
     ]  # fmt: skip
     return {"name": "gap", "kind": "separation", "message": "m", "figures": figures} | figures[1]
 
 
-EARLIER = {key: value for key, value in finding(0.0, 3.0).items() if key != "figures"}
+LATER_KEYS = {"figures", "measures"}
+EARLIER = {key: value for key, value in finding(0.0, 3.0).items() if key not in LATER_KEYS}
 ROWS = [
     make_row("a", criteria=[finding(6.0, math.inf)]),
     make_row("b", criteria=[finding(7.0, 2.5)]),
@@ -68,5 +69,6 @@ def test_the_table_has_all_figures(tmp_path: Path) -> None:
         writer.add(row)
     writer.finish()
     lines = pq.read_table(tmp_path / "results.parquet").to_pylist()
-    assert lines[1]["criteria"][0]["figures"] == finding(7.0, 2.5)["figures"]
-    assert lines[2]["criteria"][0]["figures"] is None
+    several, one = lines[1]["criteria"][0], lines[2]["criteria"][0]
+    assert (several["figures"], several["measures"]) == (finding(7.0, 2.5)["figures"], "1e")
+    assert (one["figures"], one["measures"]) == (None, None)

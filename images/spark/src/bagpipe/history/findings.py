@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from bagpipe.history.run import CaseOfRun, Found, Run
 from bagpipe.history.steps import more_fail_since, moved_since
+from bagpipe.row_facts import of_other_measures
 
 # Beside the criteria, whose names have no colon: cases that no criterion decided, and what of one
 # criterion was not judged in the others.
@@ -26,7 +27,9 @@ _SEEN, _UNSEEN = Found("", "passed", None, ""), Found("", "failed", None, "")
 
 @dataclass(frozen=True)
 class Night:
-    """A criterion in one run: cases that it judged, those that failed, the median of figures."""
+    """A criterion in one run: cases that it judged, those that failed, and the median of figures of
+    what it measured last.
+    """
 
     judged: int
     failed: int
@@ -141,7 +144,7 @@ def _doubted(runs: Sequence[_Findings], lost: Sequence[set[str]]) -> list[_Findi
 
 
 def _units_of(found: Found) -> list[str]:
-    return [unit for unit, figure in found.measured if unit or figure is not None]
+    return [each.unit for each in found.measured if each.unit or each.figure is not None]
 
 
 def _figures(name: str, units: list[str], runs: Sequence[_Findings]) -> Iterator[CriterionHistory]:
@@ -155,19 +158,29 @@ def _figures(name: str, units: list[str], runs: Sequence[_Findings]) -> Iterator
 
 
 def _nights(runs: Sequence[_Findings], unit: str) -> tuple[Night, ...]:
+    measured = [_measured(mine, unit) for mine in runs]
+    last = next((mark for found in reversed(measured) for mark in found if mark), "")
     nights = []
-    for mine in runs:
-        figures = [
-            figure
-            for _, each in mine
-            for its_unit, figure in each.measured
-            if figure is not None and its_unit == unit
-        ]
+    for mine, found in zip(runs, measured, strict=True):
+        comparable = (
+            figures for mark, figures in found.items() if not of_other_measures({mark}, {last})
+        )
+        figures = list(itertools.chain.from_iterable(comparable))
         median = statistics.median(figures) if figures else None
         outcomes = Counter(each.outcome for _, each in mine)
         judged = outcomes["passed"] + outcomes["failed"]
         nights.append(Night(judged, outcomes["failed"], median))
     return tuple(nights)
+
+
+def _measured(findings: _Findings, unit: str) -> dict[str, list[float]]:
+    """The figures of that unit by the marks of what they are of."""
+    by_mark: dict[str, list[float]] = defaultdict(list)
+    for _, found in findings:
+        for its_unit, figure, mark in found.measured:
+            if figure is not None and its_unit == unit:
+                by_mark[mark].append(figure)
+    return by_mark
 
 
 def _criterion(name: str, unit: str, runs: Sequence[_Findings]) -> CriterionHistory:

@@ -4,7 +4,7 @@ import math
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -19,23 +19,34 @@ _MOST_BYTES = 1 << 30
 _BATCH = 1_000
 
 
+class Measured(NamedTuple):
+    """A figure, None where nothing could be measured, and a mark of what it is of, empty where that
+    is not known.
+    """
+
+    unit: str
+    figure: float | None
+    measures: str = ""
+
+
 # Of these there are millions.
 @dataclass(frozen=True, slots=True)
 class Found:
-    """What a criterion found in a case. `figure` is None where nothing could be measured;
-    `figures` has each with its unit, where a criterion has several.
+    """What a criterion found in a case: `figure`, `unit` and `measures` as in Measured, and
+    `figures` where it has several.
     """
 
     name: str
     outcome: str
     figure: float | None
     unit: str
-    figures: tuple[tuple[str, float | None], ...] = ()
+    figures: tuple[Measured, ...] = ()
+    measures: str = ""
 
     @property
-    def measured(self) -> tuple[tuple[str, float | None], ...]:
-        """All figures with their units."""
-        return self.figures or ((self.unit, self.figure),)
+    def measured(self) -> tuple[Measured, ...]:
+        """All its figures."""
+        return self.figures or (Measured(self.unit, self.figure, self.measures),)
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,25 +121,28 @@ def _case(row: dict[str, Any]) -> CaseOfRun:
         _text(row["outcome"]),
         _number(row["seconds"]) or 0.0,
         len(row["discarded"] or []),
-        tuple(
-            Found(
-                _text(each["name"]),
-                _text(each["outcome"]),
-                _number(each["figure"]),
-                _text(each["unit"] or ""),
-                _figures(each),
-            )
-            for each in row["criteria"] or []
-        ),
+        tuple(_found(each) for each in row["criteria"] or []),
         _text(row.get("quarantine") or ""),
     )
 
 
-def _figures(finding: dict[str, Any]) -> tuple[tuple[str, float | None], ...]:
-    """Of a criterion with several; tables of before there were `figures` have none of these."""
-    return tuple(
-        (_text(each["unit"] or ""), _number(each["figure"]))
-        for each in finding.get("figures") or []
+def _found(finding: dict[str, Any]) -> Found:
+    measured = _measured(finding)
+    return Found(
+        _text(finding["name"]),
+        _text(finding["outcome"]),
+        measured.figure,
+        measured.unit,
+        # Of a criterion with several; tables of before have none.
+        tuple(map(_measured, finding.get("figures") or [])),
+        measured.measures,
+    )
+
+
+def _measured(figure: dict[str, Any]) -> Measured:
+    """Tables of before have no marks."""
+    return Measured(
+        _text(figure["unit"] or ""), _number(figure["figure"]), _text(figure.get("measures") or "")
     )
 
 

@@ -18,7 +18,7 @@ _MEASURED = [
     ("unit", pa.string()),
     ("limit", pa.string()),
 ]
-_BOUND = pa.struct([*_MEASURED, ("direction", pa.string())])
+_BOUND = pa.struct([*_MEASURED, ("direction", pa.string()), ("measures", pa.string())])
 _CRITERION = pa.struct(
     [
         ("name", pa.string()),
@@ -30,6 +30,7 @@ _CRITERION = pa.struct(
         ("covered", pa.string()),
         ("clock", pa.string()),
         ("figures", pa.list_(_BOUND)),
+        ("measures", pa.string()),
     ]
 )
 _FIGURES = [field.name for field in _CRITERION]
