@@ -9,18 +9,21 @@ from typing import Any
 
 import pytest
 
+from bagpipe.case_reasons import REASONS
 from bagpipe.driver.journal import Journal
 from bagpipe.driver.progress import Progress
 from bagpipe.driver.results import Results, results_uri
 from bagpipe.driver.row_file import RowFile
 from bagpipe.engine.chosen import engine_of
+from bagpipe.engine.engine import Played
 from bagpipe.engine.exec.judge import judge_program
 from bagpipe.engine.exec.outputs import Outputs
 from bagpipe.judgement import Judgement
 from bagpipe.plan.case import Case
 from bagpipe.plan.fragments import Window
 from bagpipe.row_facts import recorded_names
-from bagpipe.run.case_run import Row, RunContext, case_map, run_case
+from bagpipe.run import case_run
+from bagpipe.run.case_run import Row, RunContext, _judged, case_map, run_case
 from bagpipe.run.laptop import write_fragment
 from bagpipe.source.chosen import source_of
 from bagpipe.source.planning import plan
@@ -201,6 +204,37 @@ def test_the_programs_own_word_is_the_verdict(
     judgement = judge_program(RESULT | {"program": program})
     assert (judgement.outcome, judgement.reason) == (outcome, reason)
     assert message in judgement.message
+
+
+@pytest.mark.parametrize("outcome", ["failed", "invalid"])
+@pytest.mark.parametrize("reason", sorted(REASONS))
+def test_bagpipe_s_own_words_are_no_program_s(
+    run: Run, monkeypatch: pytest.MonkeyPatch, reason: str, outcome: str
+) -> None:
+    """By `ProtocolError`, honest in a test of a protocol, its failure bought it more tries."""
+    monkeypatch.setattr(case_run, "_MEETING_SECONDS", 1.0)  # no agent is there for another try
+    verdict = {"outcome": outcome, "reason": reason, "message": "it collided"}
+    row, _ = run(giving({}, program=verdict))
+    assert (row["outcome"], row["attempts"], row["discarded"]) == (outcome, 1, [])
+    assert row["reason"] == ("ProgramFailed" if outcome == "failed" else "ProgramInvalid")
+    assert row["message"] == f"{reason}: it collided"
+
+
+@pytest.mark.parametrize("reason", ["ProtocolError", "MachineBusy", "StorageFull"])
+@pytest.mark.parametrize(("outcome", "attempts"), [("failed", 1), ("invalid", 1), ("errored", 2)])
+def test_a_verdict_is_tried_again_for_no_word_of_the_machinery(
+    run: Run, monkeypatch: pytest.MonkeyPatch, reason: str, outcome: str, attempts: int
+) -> None:
+    """The second wall, behind that of the engine."""
+    monkeypatch.setattr(case_run, "_pause", lambda _again: None)
+    found = [{"outcome": outcome, "reason": reason, "message": "", "recorded": None}]
+
+    def judged(played: Played) -> Row:
+        return _judged(played) | (found.pop() if found else {})
+
+    monkeypatch.setattr(case_run, "_judged", judged)
+    row, _ = run(*[giving({}, program={"outcome": "passed"})] * attempts)
+    assert (row["outcome"], row["attempts"]) == (outcome if attempts == 1 else "passed", attempts)
 
 
 def test_a_program_s_message_is_bounded() -> None:

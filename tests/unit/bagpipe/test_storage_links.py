@@ -1,8 +1,12 @@
 """Symbolic links in a volume, which a job's user may have written: they never lead out of it."""
 
+import contextlib
+import errno
 import glob
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -139,3 +143,66 @@ def test_without_links_the_patterns_find_what_python_s_find(tmp_path: Path, patt
     wanted = sorted(path for path in whole if Path(path).is_file())
     found = Storage({"r": str(tmp_path)}).expand(f"pvc://r/{pattern}")
     assert found == sorted(f"pvc://r/{Path(path).relative_to(tmp_path)}" for path in wanted)
+
+
+class Listing:
+    """os.scandir of one folder fails with this error, before or behind its first entry."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, name: str, code: int, after: int) -> None:
+        self._real, self._name, self._after = os.scandir, name, after
+        self._error = OSError(code, os.strerror(code))
+        monkeypatch.setattr(os, "scandir", self)
+
+    def __call__(self, path: str) -> Any:
+        if Path(path).name != self._name:
+            return self._real(path)
+        if self._after == 0:
+            raise self._error
+        return contextlib.nullcontext(self._entries(path))
+
+    def _entries(self, path: str) -> Iterator[os.DirEntry[str]]:
+        yield next(self._real(path))
+        raise self._error
+
+
+@pytest.mark.parametrize("pattern", ["*/*.bag", "**/*.bag", "t*/?.bag", "*/**"])
+@pytest.mark.parametrize(("code", "after"), [(errno.EIO, 0), (errno.EACCES, 0), (errno.ESTALE, 1)])
+def test_a_folder_that_can_t_be_listed_is_no_empty_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, pattern: str, code: int, after: int
+) -> None:
+    """Its recordings would be in no verdict, and nobody would know."""
+    for day in ("mon", "tue", "wed"):
+        (tmp_path / day).mkdir()
+        for name in ("a.bag", "b.bag"):
+            (tmp_path / day / name).write_text("a recording")
+    storage = Storage({"r": str(tmp_path)})
+    assert storage.expand(f"pvc://r/{pattern}")
+    Listing(monkeypatch, "tue", code, after)
+    with pytest.raises(StorageError, match=os.strerror(code)):
+        storage.expand(f"pvc://r/{pattern}")
+    if pattern != "t*/?.bag":  # what is not looked into harms nothing
+        assert storage.expand("pvc://r/w*/*.bag") == ["pvc://r/wed/a.bag", "pvc://r/wed/b.bag"]
+
+
+@pytest.mark.parametrize("pattern", ["*/*.bag", "**/*.bag"])
+def test_what_the_file_system_keeps_for_itself_has_no_recordings(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, pattern: str
+) -> None:
+    """At the root of most volumes, and root's alone."""
+    for name in ("lost+found", "mon"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "mon" / "a.bag").write_text("a recording")
+    Listing(monkeypatch, "lost+found", errno.EACCES, 0)
+    assert Storage({"r": str(tmp_path)}).expand(f"pvc://r/{pattern}") == ["pvc://r/mon/a.bag"]
+
+
+@pytest.mark.parametrize("pattern", ["*/a.bag", "*/*.bag", "**/*.bag", "m*/**"])
+def test_a_link_to_a_recording_that_is_not_there_is_named(tmp_path: Path, pattern: str) -> None:
+    """As of a disk that is not mounted: its case is errored, and not left out."""
+    for day in ("mon", "mona"):
+        (tmp_path / day).mkdir()
+        (tmp_path / day / "a.bag").symlink_to(f"nowhere/{day}")
+    (tmp_path / "mon" / "a.bag").unlink()
+    (tmp_path / "mon" / "a.bag").write_text("a recording")
+    found = Storage({"r": str(tmp_path)}).expand(f"pvc://r/{pattern}")
+    assert found == ["pvc://r/mon/a.bag", "pvc://r/mona/a.bag"]

@@ -10,11 +10,11 @@ from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, Proc
 from prometheus_client.core import GaugeMetricFamily
 from prometheus_client.registry import Collector
 
+from bagpipe.case_reasons import REASONS
 from bagpipe.driver.progress import Progress
 from bagpipe.driver.spark_executors import SparkExecutors
 from bagpipe.engine_fields import fields_of
 from bagpipe.row_facts import OUTCOMES, discarded_runs
-from bagpipe.run.attempts import REASONS
 from bagpipe.run.case_run import Row
 from bagpipe.source_fields import source_fields
 from bagpipe.spec import JobFile, SimulationJobSpec

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from bagpipe.faults import CAUSES, FaultPolicy
+from bagpipe.faults import FaultPolicy
 
 # Runs of a case that meets one fault of the machinery again and again.
 ATTEMPTS = 3
@@ -28,17 +28,6 @@ _WORTH_ANOTHER_TRY = {
     # Where storage did not answer: each try asks it as often and as long as the first.
     "StorageFailed",
 }
-
-# Every reason of Bagpipe's own for a run of a case that does not pass.
-REASONS = frozenset(
-    _WORTH_ANOTHER_TRY
-    | set(CAUSES)
-    | {"BagCut", "BagEmpty", "BagMissing", "BagNotIndexed", "BagUnreadable", "FileMissing"}
-    | {"CriteriaFailed", "CriterionFailed", "NoMatchingTopics", "NotEnoughEvidence"}
-    | {"NothingPlayed", "NothingRecorded", "ProgramFailed", "ProgramInvalid", "UnknownOutcome"}
-    | {"ExecutorLost", "Internal", "RecorderBudgetExceeded", "StackProtocolError"}
-    | {"CommandNotFound", "MachineBusy", "StackAborted", "StorageFull"}
-)
 
 _NO_POLICY = FaultPolicy([])
 

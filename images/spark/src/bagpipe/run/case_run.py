@@ -18,7 +18,7 @@ from typing import Any
 from bagpipe.engine.chosen import engine_of
 from bagpipe.engine.engine import Attempt, Played
 from bagpipe.engine_fields import fields_of
-from bagpipe.faults import FAILURES, FaultPolicy
+from bagpipe.faults import CAUSES, FAILURES, FaultPolicy
 from bagpipe.json_equality import same
 from bagpipe.plan.case import Case
 from bagpipe.plan.made import Unplanned
@@ -80,16 +80,25 @@ def run_case(case: Case, context: RunContext, starts: int = 1) -> Row:
     discarded: list[Row] = []
     reasons: list[str] = []
     policy = FaultPolicy(context.spec.fault_policy)
-    while again := next_attempt(row["reason"], reasons, policy, may_pass):
+    while again := _again(row, reasons, policy, may_pass):
         _throw_away(row, context)
         discarded.append(_discarded(row, time.monotonic() - since))
         reasons.append(row["reason"])
         _pause(again)
         since = time.monotonic()
         row, may_pass = _attempt(case, context)
-    if row["reason"] == "MachineBusy" and row["result"]:
+    if (row["outcome"], row["reason"]) == ("errored", "MachineBusy") and row["result"]:
         row = _unproved(row, context)
     return _row(case, row, discarded, starts, time.monotonic() - begun)
+
+
+def _again(row: Row, reasons: list[str], policy: FaultPolicy, may_pass: bool) -> Again | None:
+    """Whether the case is run again: a verdict is one, whatever its reason is called, but where the
+    job's policy asks for another try.
+    """
+    if row["outcome"] != "errored" and row["reason"] not in CAUSES:
+        return None
+    return next_attempt(row["reason"], reasons, policy, may_pass)
 
 
 def lost_row(case: Case, starts: int) -> Row:

@@ -1,36 +1,97 @@
 """Patterns over the files of a mounted volume, by the rules of Python's glob.
 
 Whoever wrote the volume may have put links there by which folders hold each other: `**` goes
-through each folder once, by its own name rather than by a link's.
+through each folder once, by its own name rather than by a link's. Other than Python's, nothing here
+takes a folder that can't be read for an empty one: recordings would be lost without a word.
 """
 
-import glob
+import errno
+import fnmatch
 import os
-from collections.abc import Callable, Iterable, Iterator
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
+from bagpipe.storage.globs import is_pattern
+
 _ANY_DEPTH = "**"
+# A name of nothing that is there (any more), or of no folder: there is nothing in it.
+_NOTHING = {errno.ENOENT, errno.ENOTDIR, errno.ELOOP}
+# Of the file system itself, at the root of a volume, and root's alone.
+_OF_THE_VOLUME = "lost+found"
 
 
-def matching(pattern: str, check: Callable[[Path], None]) -> list[str]:
-    """The files that a pattern of an absolute path matches, each once.
+def matching(given: str, pattern: str, check: Callable[[Path], None]) -> list[str]:
+    """The files below a folder that a pattern matches, each once; also links that lead nowhere.
 
+    `given` is the folder's absolute path, without a slash at its end; `pattern` begins with one.
     `check` raises OSError for a folder that `**` may not be led into, given where it really is. A
-    name that begins with a dot is found only where the pattern says so.
+    name that begins with a dot is found only where the pattern says so. Raises OSError where a
+    folder can't be read.
     """
     groups: list[list[str]] = [[]]
-    for part in pattern.split("/"):
+    for part in pattern.split("/")[1:]:
         if part != _ANY_DEPTH:
             groups[-1].append(part)
         elif groups[-1] or len(groups) == 1:  # of several in a row one says the same
             groups.append([])
     first, *others = groups
-    found = glob.glob("/".join(first) or "/")  # noqa: PTH207  Path.glob wants a relative one
+    found = _named(given, first)
     for group in others:
-        names = "/".join(group) or "*"
-        below = [f"{glob.escape(each.rstrip('/'))}/{names}" for each in _below(found, check)]
-        found = [path for each in below for path in glob.glob(each)]  # noqa: PTH207
-    return [path for path in dict.fromkeys(found) if Path(path).is_file()]
+        below = _below(found, check)
+        found = [path for each in below for path in _named(each.rstrip("/"), group or ["*"])]
+    return [path for path in dict.fromkeys(found) if _is_file(path)]
+
+
+def _named(folder: str, parts: Sequence[str]) -> list[str]:
+    """What is at a path below a folder, each part of which may be a pattern."""
+    paths = [folder]
+    for at, part in enumerate(parts):
+        if is_pattern(part):
+            goes_on = at + 1 < len(parts)
+            paths = [path for each in paths for path in _fitting(each, part, goes_on)]
+        else:
+            paths = [f"{each}/{part}" for each in paths]
+    return paths
+
+
+def _fitting(folder: str, part: str, folders_alone: bool) -> Iterator[str]:
+    match = re.compile(fnmatch.translate(part)).match
+    for entry in _listed(folder):
+        hidden = entry.name.startswith(".") and not part.startswith(".")
+        if not hidden and match(entry.name) and not (folders_alone and not _is_folder(entry)):
+            yield f"{folder}/{entry.name}"
+
+
+def _listed(folder: str) -> list[os.DirEntry[str]]:
+    """What is in a folder, by name; nothing where there is none. Raises OSError."""
+    try:
+        with os.scandir(folder or "/") as entries:
+            return sorted(entries, key=lambda entry: entry.name)
+    except PermissionError:
+        if os.path.basename(folder) == _OF_THE_VOLUME:  # noqa: PTH119  a string as all here
+            return []
+        raise
+    except OSError as error:
+        if error.errno in _NOTHING:
+            return []
+        raise
+
+
+def _is_folder(entry: os.DirEntry[str]) -> bool:
+    """Whether it is one, or a link to one; a link may lead round and round."""
+    try:
+        return entry.is_dir()
+    except OSError as error:
+        if error.errno in _NOTHING:
+            return False
+        raise
+
+
+def _is_file(path: str) -> bool:
+    """Whether a file is there, or a link that leads to none: who plans it reports that."""
+    found = Path(path)
+    return found.is_file() or (found.is_symlink() and not found.is_dir())
 
 
 def once(paths: list[str]) -> list[str]:
@@ -76,13 +137,12 @@ def _below(bases: Iterable[str], check: Callable[[Path], None]) -> Iterator[str]
         folder = waiting.pop()
         try:
             known = Path(folder).stat()
-            if (known.st_dev, known.st_ino) in seen:
-                continue
-            with os.scandir(folder) as entries:
-                named = [entry for entry in entries if not entry.name.startswith(".")]
-        except OSError:  # one that may not be read, or is gone: a pattern matches nothing in it
+        except FileNotFoundError:  # it went meanwhile
             continue
+        if (known.st_dev, known.st_ino) in seen:
+            continue
+        named = [each for each in _listed(folder) if not each.name.startswith(".")]
         seen.add((known.st_dev, known.st_ino))
         yield folder
         waiting += [each.path for each in named if each.is_dir(follow_symlinks=False)]
-        links += [each.path for each in named if each.is_symlink() and each.is_dir()]
+        links += [each.path for each in named if each.is_symlink() and _is_folder(each)]

@@ -2,7 +2,6 @@
 
 import contextlib
 import errno
-import glob
 import os
 import stat
 import uuid
@@ -53,11 +52,9 @@ class LocalBackend:
 
     def glob(self, pattern: str) -> list[str]:
         """The files that a pattern matches; a name that begins with a dot only where it says so."""
-        below = pattern.removeprefix(self._given)
         # A folder that was mounted, or given, may have any name: it is no part of the pattern.
-        return matching(
-            f"{glob.escape(self._given)}{below}", lambda found: self._inside(str(found))
-        )
+        below = pattern.removeprefix(self._given)
+        return matching(self._given, below, lambda found: self._inside(str(found)))
 
     def names(self, folder: str) -> list[str]:
         """The names in a folder; empty where it does not exist."""

@@ -4,6 +4,7 @@ import json
 import re
 from typing import Any
 
+from bagpipe.case_reasons import REASONS
 from bagpipe.engine.exec.outputs import REASON
 from bagpipe.faults import FaultPolicy
 from bagpipe.judgement import Judgement, ends, first_that_counts
@@ -66,7 +67,11 @@ def _own_word(program: dict[str, Any]) -> Judgement:
             "UnknownOutcome",
             f"the program's outcome is {str(outcome)[:100]!r}: write passed, failed or invalid",
         )
+    message = message or f"the program says {outcome}, and not why"
     reason = program.get("reason")
-    if not isinstance(reason, str) or not _REASON.fullmatch(reason):
-        reason = "ProgramFailed" if outcome == "failed" else "ProgramInvalid"
-    return Judgement(outcome, reason, message or f"the program says {outcome}, and not why")
+    own = reason if isinstance(reason, str) and _REASON.fullmatch(reason) else ""
+    # By Bagpipe's own words a case is run again, or counts as one that had no input.
+    if own and own not in REASONS:
+        return Judgement(outcome, own, message)
+    reason = "ProgramFailed" if outcome == "failed" else "ProgramInvalid"
+    return Judgement(outcome, reason, f"{own}: {message}" if own else message)
