@@ -106,6 +106,29 @@ def test_a_faulty_bag_that_is_called_as_a_case_takes_no_case_s_place(tmp_path: P
     assert (faulty.id, faulty.bag) == ("a-0001-8aa43f306ee2", "pvc://recordings/a-0001.bag")
 
 
+def test_one_more_file_changes_no_other_s_name(tmp_path: Path) -> None:
+    """A nightly would miss all its cases, and a quarantine name none."""
+
+    def names(*files: str) -> set[str]:
+        for name in files:
+            (tmp_path / name).parent.mkdir(exist_ok=True)
+            (tmp_path / name).write_text(name)
+        spec = make_spec(
+            source={"files": ["pvc://recordings/**"]},
+            stack={"engine": "exec", "image": "judge:1", "command": ["judge"]},
+            record=None,
+        )
+        return {case.id for case in plan(spec, Storage({"recordings": str(tmp_path)})).cases}
+
+    assert names("a.json", "b.json") == {"a", "b"}
+    assert names("a.csv") == {"a.json", "a.csv", "b"}
+    there = names("old/a.csv")
+    assert {"a.json", "b"} < there
+    assert len(there) == 4
+    # Of a name without its ending that another has with it.
+    assert len(names("a.json.gz")) == 5
+
+
 def test_a_file_s_variant_that_is_called_as_another_s_is_a_case_of_its_own(tmp_path: Path) -> None:
     for name in ("drive.x", "drive-fast.x", "walk.x"):
         (tmp_path / name).write_text(name)

@@ -1,8 +1,10 @@
 """Some of a plan's cases, by number and by name."""
 
+import re
+
 import pytest
 
-from bagpipe.driver.chosen import NoCaseError, chosen
+from bagpipe.driver.chosen import NoCaseError, check_named, chosen
 from bagpipe.plan.case import Case
 from bagpipe.plan.fragments import Window
 from bagpipe.plan.made import Plan, Unplanned
@@ -62,3 +64,15 @@ def test_where_nothing_could_be_planned_that_is_what_is_left() -> None:
 
 def test_a_plan_of_nothing_stays_one() -> None:
     assert chosen(Plan([], []), ["x"]) == Plan([], [])
+
+
+@pytest.mark.parametrize("known", [[], ["a-0001"], ["lost"], ["?-*", "1"], ["b-*", "a-0002", "2"]])
+def test_each_name_that_is_wanted_is_there(known: list[str]) -> None:
+    check_named(PLAN, known)
+    for unknown in ("nihgt-0003", "lost-0000", "c*"):
+        with pytest.raises(NoCaseError, match=re.escape(f"is called {unknown}; the first is a-")):
+            check_named(PLAN, [*known, unknown])
+
+
+def test_where_nothing_could_be_planned_no_name_is_missed() -> None:
+    check_named(Plan([], [LOST]), ["drive-0000"])

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from bagpipe.driver import keep
 from bagpipe.driver.earlier import CannotResumeError, passed_rows
 from bagpipe.driver.journal import Journal
 from bagpipe.driver.keep import Keeper
@@ -151,6 +152,20 @@ def test_the_manifest_of_the_job_that_goes_on_counts_both(world: World, tmp_path
     ]  # fmt: skip
     lines = (tmp_path / "out/drive/uid-1/results.jsonl").read_text().splitlines()
     assert [json.loads(line).get("ran_in") for line in lines] == ["old", None, None, "old", None]
+
+
+def test_rows_of_a_large_job_are_journaled_as_they_are_taken_over(
+    world: World, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All at once would be in memory, and a segment that no driver can read again."""
+    monkeypatch.setattr(keep, "_ROWS_AT_ONCE", 2)
+    journal = Journal(world.storage, FOLDER, 1)
+    with RowFile(tmp_path / "rows") as rows:
+        keeper = Keeper(Progress(FOLDER), rows, journal)
+        assert keeper.take_over(ran(name) for name in "abcde") == 5
+        assert [row["case"] for row in journal.rows()] == list("abcd")
+        keeper.finish(threading.Event())
+    assert [row["case"] for row in journal.rows()] == list("abcde")
 
 
 FAILED = ran("a", "failed", reason="CriterionFailed")

@@ -1,9 +1,14 @@
 """A job's journal: rows come back as they were kept, and what is no row names its line."""
 
+import io
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from bagpipe.driver import journal as journal_module
 from bagpipe.driver.journal import Journal
 from bagpipe.storage import Storage, StorageError
 
@@ -108,3 +113,46 @@ def test_a_segment_larger_than_any_that_a_driver_keeps_is_not_read(
         file.truncate((256 << 20) + 1)  # takes no room: it is a hole
     with pytest.raises(StorageError, match="has 268435457 bytes where at most 268435456"):
         list(journal.rows())
+
+
+def test_each_try_writes_under_a_name_of_its_own(
+    storage: Storage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A write that was given up may still come, and would undo what was written after it."""
+    late: list[Callable[[], None]] = []
+    create = Storage.create
+
+    @contextmanager
+    def slow(_: Storage, uri: str) -> Iterator[Any]:
+        rows = io.BytesIO()
+        yield rows
+
+        def arrives() -> None:
+            with create(storage, uri) as file:
+                file.write(rows.getvalue())
+
+        late.append(arrives)
+        raise StorageError(f"{uri} can't be written: it did not end in time")
+
+    journal = Journal(storage, RESULTS, 1, "a")
+    monkeypatch.setattr(Storage, "create", slow)
+    with pytest.raises(StorageError, match="in time"):
+        journal.append([{"case": "one"}])
+    monkeypatch.setattr(Storage, "create", create)
+    journal.append([{"case": "one"}, {"case": "two", "outcome": "failed"}])
+    late[0]()
+    rows = {row["case"]: row for row in Journal(storage, RESULTS, 2).rows()}
+    assert rows == {"one": {"case": "one"}, "two": {"case": "two", "outcome": "failed"}}
+
+
+def test_many_rows_are_several_segments_that_the_next_driver_can_read(
+    storage: Storage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(journal_module, "_SEGMENT_BYTES", 100)
+    monkeypatch.setattr(journal_module, "_MAX_SEGMENT_BYTES", 300)
+    rows = [{"case": f"{n:04d}", "message": "x" * size} for n, size in enumerate([9] * 20 + [250])]
+    Journal(storage, RESULTS, 1, "a").append(rows)
+    assert list(Journal(storage, RESULTS, 2).rows()) == rows
+    sizes = [storage.size(f"{RESULTS}/journal/{name}") for name in named(storage)]
+    # Two rows of 41 bytes each, and one that is larger by itself.
+    assert sizes == [82] * 10 + [282]

@@ -618,3 +618,19 @@ def test_what_no_waiting_mends_is_not_waited_for(
     monkeypatch.setattr(patience.log, "warning", None)  # what it calls before it waits
     with pytest.raises(StorageUnfitError, match="create the job again"):
         Drivers(tmp_path).go(case("a"))
+
+
+@pytest.mark.parametrize("outcome", ["failed", "passed"])
+def test_a_recording_that_is_shorter_by_now_takes_no_case_along(
+    tmp_path: Path, outcome: str
+) -> None:
+    """Where nobody chose cases, too: what failed in it would be forgotten."""
+    drivers = Drivers(tmp_path)
+    first, second = case("a-0000", "a"), case("a-0001", "a")
+    drivers.begin(first, second, case("b-0000", "b"), done=[ran("a-0001", outcome, "a")])
+    drivers.go(first, case("b-0000", "b"))
+    assert drivers.cases() == {
+        "a-0000": ("passed", ""),
+        "a-0001": ("errored", "BagMissing"),
+        "b-0000": ("passed", ""),
+    }

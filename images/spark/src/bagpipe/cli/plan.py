@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 import json
+from collections import Counter
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -250,7 +251,8 @@ def _show_sums(description: dict[str, Any], console: Console) -> None:
             if rule["toDo"]:
                 line = f"quarantine of {rule['cases']!r}: {rule['toDo']}"
                 console.print(unstyled(line), highlight=False, soft_wrap=True)
-    for bag in description["unplanned"]:
-        console.print(
-            f"[red]{unstyled(bag['reason'])}[/red] {unstyled(bag['message'])}", soft_wrap=True
-        )
+    # A piece that is missing is so for each of its scenarios.
+    alike = Counter((bag["reason"], bag["message"]) for bag in description["unplanned"])
+    for (reason, message), count in alike.items():
+        times = f" ({count} cases)" if count > 1 else ""
+        console.print(f"[red]{unstyled(reason)}[/red] {unstyled(message)}{times}", soft_wrap=True)

@@ -38,6 +38,17 @@ def chosen(planned: Plan, wanted: Sequence[str]) -> Plan:
     return left
 
 
+def check_named(planned: Plan, wanted: Sequence[str]) -> None:
+    """Raises NoCaseError where a pattern of `wanted` matches neither a case nor a recording that
+    yields none: what it was written for would not be in the verdict.
+    """
+    names = [case.id for case in planned.cases] + [bag.id for bag in planned.unplanned]
+    patterns = [word for word in wanted if not word.isdecimal()]
+    unknown = [word for word in patterns if not any(fnmatchcase(name, word) for name in names)]
+    if unknown and planned.cases:
+        raise NoCaseError(_nobody(planned, unknown))
+
+
 def _nobody(planned: Plan, wanted: Sequence[str]) -> str:
     """That no case is called so, and what there is."""
     sentence = (

@@ -75,6 +75,11 @@ class FirstPlan:
         return dataclasses.replace(self, recordings=self.recordings | found, chosen=chosen)
 
 
+def has_begun(storage: Storage, folder: str) -> bool:
+    """Whether a driver of the job has planned before. Raises StorageError."""
+    return storage.exists(posixpath.join(folder, FILE))
+
+
 def first_plan(
     storage: Storage,
     folder: str,
@@ -87,7 +92,7 @@ def first_plan(
     Raises NoCaseError where this one is, and nothing is wanted; StorageError.
     """
     uri = posixpath.join(folder, FILE)
-    if not storage.exists(uri):
+    if not has_begun(storage, folder):
         mine = FirstPlan.of(planned, wanted(planned)).and_of(journaled())
         document = {"schema": _SCHEMA} | dataclasses.asdict(mine)
         text = json.dumps(document, sort_keys=True).encode()

@@ -16,9 +16,10 @@ from bagpipe.driver.baseline import check_baseline
 from bagpipe.driver.chosen import NoCaseError
 from bagpipe.driver.comparing import Compared, compared
 from bagpipe.driver.earlier import CannotResumeError, passed_rows
+from bagpipe.driver.first_plan import has_begun
 from bagpipe.driver.job_day import job_day
 from bagpipe.driver.journal import Journal
-from bagpipe.driver.keep import Keeper
+from bagpipe.driver.keep import INTERRUPTED, Keeper
 from bagpipe.driver.own_pods import Seen
 from bagpipe.driver.patience import patiently
 from bagpipe.driver.progress import Progress
@@ -125,6 +126,10 @@ class Place(ABC):
         """The job's cases. Raises MatrixError."""
         return plan(job.spec, storage)
 
+    def with_all_named(self, planned: Plan) -> Plan:
+        """The first driver's plan, which has all that is chosen by name. Raises NoCaseError."""
+        return planned
+
     def wanted(self, planned: Plan) -> Plan:
         """Those of them that are to run. Raises NoCaseError."""
         return planned
@@ -174,11 +179,12 @@ def run(
             taken = keeper.take_over(passed_rows(job.resume, planned, storage))
             log.info("%d cases were taken over from job %s", taken, job.resume.job)
         _run_the_rest(place, job, planned, keeper, storage)
-        if keeper.interrupted:
+        stop = keeper.stop  # one look: a signal may come between two
+        if stop is not None and stop.reason == INTERRUPTED:
             sys.exit(INTERRUPTED_STATUS)
-        if keeper.stop is not None:
-            progress.stop(keeper.stop.reason, keeper.stop.message)
-        if keeper.stop is not None and not keeper.stop.final:
+        if stop is not None:
+            progress.stop(stop.reason, stop.message)
+        if stop is not None and not stop.final:
             progress.finish()
             return _unfinished(results, journal, progress)
         progress.compare(_compared(job, rows, storage, progress))
@@ -217,6 +223,8 @@ def _planned(
     found = place.planned(job, results.storage)
     log.info("%d cases planned, %d bags refused", len(found.cases), len(found.unplanned))
     _keep_selection(found, results, progress)
+    if not patiently(partial(has_begun, results.storage, results.folder), progress):
+        found = place.with_all_named(found)
     same = partial(
         of_the_same_recordings, results.storage, results.folder, found, journal.rows, place.wanted
     )

@@ -7,6 +7,7 @@ at all and its name is one driver's own, so that two drivers can never write the
 import json
 import posixpath
 import uuid
+from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
@@ -16,6 +17,8 @@ from bagpipe.storage import Storage, StorageError
 FOLDER = "journal"
 # A row without its figures is below 64 KiB; a segment is what came in a few seconds.
 _MAX_SEGMENT_BYTES = 256 << 20
+# Of those that are written here, but for a row that is larger by itself.
+_SEGMENT_BYTES = 32 << 20
 
 
 @dataclass
@@ -39,12 +42,19 @@ class Journal:
                 yield read_row(line, uri, number)
 
     def append(self, rows: Sequence[Row]) -> None:
-        """Write the rows as a segment of their own. Raises StorageError, and can be tried again."""
-        name = f"{self.attempt:04d}-{self.driver}-{self._written:06d}.jsonl"
-        with self.storage.create(self._uri(name)) as file:
-            for row in rows:
-                file.write(json.dumps(row).encode() + b"\n")
-        self._written += 1
+        """Write the rows as segments of their own. Raises StorageError, and can be tried again: of
+        rows that are there twice one counts.
+        """
+        lines = deque(json.dumps(row).encode() + b"\n" for row in rows)
+        while lines:
+            # Also for another try: a write that was given up may still come, over what is new.
+            name = f"{self.attempt:04d}-{self.driver}-{self._written:06d}.jsonl"
+            self._written += 1
+            with self.storage.create(self._uri(name)) as file:
+                written = 0
+                while lines and (not written or written + len(lines[0]) <= _SEGMENT_BYTES):
+                    written += len(lines[0])
+                    file.write(lines.popleft())
 
     def is_empty(self) -> bool:
         """Whether no segment was ever written, or all were removed. Raises StorageError."""

@@ -28,6 +28,10 @@ INTERRUPTED = "Interrupted"
 log = logging.getLogger(__name__)
 
 
+# So many rows of an earlier job are in memory.
+_ROWS_AT_ONCE = 1_000
+
+
 @dataclass(frozen=True)
 class Stop:
     """Why no further case is to run; `reason` is CamelCase."""
@@ -118,6 +122,8 @@ class Keeper:
         before = len(self.rows)
         for row in rows:
             self.take([row])
+            if len(self._unwritten) % _ROWS_AT_ONCE == 0:
+                self._flush(self.clock())
         return len(self.rows) - before
 
     def look(self) -> None:

@@ -39,6 +39,11 @@ def of_the_same_recordings(
     `journaled` gives. Raises NoCaseError and StorageError.
     """
     first = first_plan(storage, folder, planned, wanted, journaled)
+    made = _of_the_same(planned, first, wanted)
+    return replace(made, unplanned=[*made.unplanned, *_replaced(made, journaled())])
+
+
+def _of_the_same(planned: Plan, first: FirstPlan, wanted: Wanted) -> Plan:
     if first == FirstPlan.of(planned, planned):
         return wanted(planned)
     cases, lost = _of_its_recordings(planned, first)
@@ -124,6 +129,26 @@ def _no_more(
         )
         for name, uri in (first.chosen or {}).items()
         if name not in names and uri not in bags
+    ]
+
+
+def _replaced(made: Plan, rows: Iterable[Row]) -> list[Unplanned]:
+    """The cases that an earlier driver has run and that are none any more, though their recordings
+    are there: these are shorter by now, and whatever the cases came to would be forgotten.
+    """
+    names = {case.id for case in made.cases} | {each.id for each in made.unplanned}
+    there = {case.bag for case in made.cases}
+    ran = {row["case"]: str(row.get("bag") or "") for row in rows if "window" in row}
+    return [
+        Unplanned(
+            name,
+            uri,
+            "BagMissing",
+            f"{name}, which an earlier driver of the job has run, is no case of {uri} by now: it"
+            " was replaced; create the job again",
+        )
+        for name, uri in sorted(ran.items())
+        if name not in names and uri in there
     ]
 
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TextIO
 
 from bagpipe.driver import cases_in_processes
-from bagpipe.driver.chosen import chosen
+from bagpipe.driver.chosen import check_named, chosen
 from bagpipe.driver.job import Interruption, Place, ended, job_of, run
 from bagpipe.driver.keep import Keeper
 from bagpipe.driver.progress import Progress
@@ -39,6 +39,11 @@ class ThisMachine(Place):
         self._slots = slots
         self._names = wanted
         self._spark = spark
+
+    def with_all_named(self, planned: Plan) -> Plan:
+        """The plan, which has each name that somebody wants. Raises NoCaseError."""
+        check_named(planned, self._names)
+        return planned
 
     def wanted(self, planned: Plan) -> Plan:
         """The job's cases, as far as somebody wants them."""

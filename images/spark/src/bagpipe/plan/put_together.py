@@ -27,7 +27,7 @@ def put_together(
     Raises MatrixError where a template is filled with what makes no piece.
     """
     cases: list[Case] = []
-    unplanned: dict[str, Unplanned] = {}
+    unplanned: list[Unplanned] = []
     planned: dict[str, Case | PartError] = {}
     for suffix, condition in conditions.named:
         filled = filled_pieces(pieces, condition.known, where)
@@ -39,10 +39,9 @@ def put_together(
                 planned[key] = error
         found = planned[key]
         if isinstance(found, PartError):
-            # Once, as a broken bag of source.bags is reported once and not for each condition.
-            fault = Unplanned(name + suffix, found.bag, found.reason, str(found))
-            unplanned.setdefault(fault.message, fault)
+            # Each under its own name: a quarantine of one must not stand for all.
+            unplanned.append(Unplanned(name + suffix, found.bag, found.reason, str(found)))
         else:
             case = dataclasses.replace(found, id=name + suffix, fragment=name, conditions=condition)
             cases.append(case)
-    return Plan(cases, list(unplanned.values()))
+    return Plan(cases, unplanned)

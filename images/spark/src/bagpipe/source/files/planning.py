@@ -33,11 +33,11 @@ def _case(uri: str, name: str, found: Stat) -> Case:
 
 
 def _names(uris: list[str]) -> list[str]:
-    """A readable name per file: without its ending, or with it where two would share one."""
-    for name in (_stem, _base):
-        names = [name(uri) for uri in uris]
-        if len(set(names)) == len(names):
-            return names
+    """A readable name per file: without its ending, or with it where two would share one; then with
+    a mark. What another file's name is changes none of those that share nothing with it.
+    """
+    stems = Counter(map(_stem, uris))
+    names = [_stem(uri) if stems[_stem(uri)] == 1 else _base(uri) for uri in uris]
     taken = Counter(names)
     return [
         name if taken[name] == 1 else f"{name}.{mark_of(uri)}"
