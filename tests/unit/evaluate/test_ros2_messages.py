@@ -55,6 +55,11 @@ TRUTH = [(at, 0.0001, at, 0.0, 0.0, True) for at in INPUTS]
 CROWD = [(at, [(at, 10.0)]) for at in INPUTS]
 
 
+# Far off, half as often as it should, and hit.
+SELDOM = [(at + 0.01, -0.01, 200.0, 0.0, 0.0, False) for at in INPUTS[::2]]
+NEAR = [(at, [(200.0, 0.5)]) for at in INPUTS]
+
+
 def drive(course: list[Any], crowd: list[Any]) -> list[Entry]:
     entries: list[Entry] = []
     for at, late, x, y, yaw, as_truth in course:
@@ -69,6 +74,8 @@ def test_the_findings_are_the_same(schema: str, monkeypatch: pytest.MonkeyPatch)
 
     @example(course=RIGHT, truth=TRUTH, crowd=CROWD, latched=False)
     @example(course=WRONG, truth=TRUTH, crowd=CROWD, latched=True)
+    @example(course=SELDOM, truth=TRUTH, crowd=NEAR, latched=False)
+    @example(course=[], truth=[], crowd=[], latched=False)
     @settings(max_examples=25, deadline=None)
     @given(course=courses, truth=courses, crowd=crowds, latched=st.booleans())
     def compared(course: list[Any], truth: list[Any], crowd: list[Any], latched: bool) -> None:
