@@ -30,8 +30,8 @@ impl Mcap {
                 Some(made) => made.walked.counts.iter().for_each(|each| {
                     *counts.entry(u32::from(each.channel)).or_default() += u64::from(each.messages);
                 }),
-                None => part.promised.iter().for_each(|(channel, messages)| {
-                    *counts.entry(u32::from(*channel)).or_default() += messages;
+                None => part.promised.iter().for_each(|each| {
+                    *counts.entry(u32::from(each.channel)).or_default() += each.messages();
                 }),
             }
         }

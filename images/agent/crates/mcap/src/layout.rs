@@ -11,6 +11,7 @@ use crc32fast::Hasher;
 use crate::crc::{DataCrc, STRIDE};
 use crate::loss::Tally;
 use crate::part::{Made, Packed, Part, wrong_crc};
+use crate::promise::Promise;
 use crate::record::{
     ATTACHMENT, ATTACHMENT_INDEX, Attachment, CHANNEL, CHUNK, CHUNK_INDEX, Channel, DATA_END,
     Defect, FOOTER, Fields, HEADER, Head, MESSAGE, MESSAGE_INDEX, METADATA, METADATA_INDEX,
@@ -274,15 +275,14 @@ impl Pass<'_> {
 
     fn message_index(&mut self, head: Head, end: usize) {
         let mut fields = Fields::new(&self.file[..end], head.start);
-        let entry =
-            fields.u16("a channel").and_then(|id| Ok((id, fields.bytes("an index")?.len())));
-        let part = self.found.parts.last_mut().filter(|_| self.run.is_none());
-        match (entry, part) {
-            (Ok((channel, bytes)), Some(part)) if part.packed.is_some() => {
-                part.promised.push((channel, bytes as u64 / 16));
-            }
+        let read = |fields: &mut Fields<'_>| {
+            let channel = fields.u16("a channel")?;
+            let length = fields.bytes("an index")?.len();
+            Ok(Promise { channel, entries: fields.at - length..fields.at })
+        };
+        match (read(&mut fields), self.found.parts.last_mut()) {
             (Err(defect), _) => self.lose(defect, (end - self.at) as u64, Some(0)),
-            // What lies in the file as it is was looked at.
+            (Ok(promise), Some(part)) if self.run.is_none() => part.promised.push(promise),
             (Ok(_), _) => {}
         }
     }

@@ -27,6 +27,7 @@ mod merge;
 mod names;
 mod packed;
 mod part;
+mod promise;
 mod publish;
 mod reader;
 mod record;

@@ -4,6 +4,7 @@ use std::ops::Range;
 use std::sync::OnceLock;
 
 use crate::loss::Tally;
+use crate::promise::Promise;
 use crate::walk::{Channels, LEAST_MESSAGE, Walk, Walked};
 use crate::{Compression, Loss};
 
@@ -16,8 +17,8 @@ pub(crate) struct Part {
     pub data: Range<usize>,
     /// How they must be uncompressed, if they must.
     pub packed: Option<Packed>,
-    /// Messages of each channel, by the message index behind the chunk.
-    pub promised: Vec<(u16, u64)>,
+    /// The message indexes behind the chunk.
+    pub promised: Vec<Promise>,
     /// The first and the last time that the chunk states.
     pub stated: (u64, u64),
     /// Set once its messages are found: for what lies in the file as it is, when that is opened.
@@ -51,7 +52,7 @@ impl Part {
     pub fn messages(&self) -> u64 {
         match self.made.get() {
             Some(made) => made.walked.places.len() as u64,
-            None => self.promised.iter().map(|(_, count)| count).sum(),
+            None => self.promised.iter().map(Promise::messages).sum(),
         }
     }
 
@@ -68,19 +69,8 @@ impl Part {
     pub fn holds(&self, wanted: impl Fn(u16) -> bool) -> bool {
         match self.made.get() {
             Some(made) => made.walked.counts.iter().any(|count| wanted(count.channel)),
-            None => self.promised.iter().any(|(channel, _)| wanted(*channel)),
+            None => self.promised.iter().any(|each| wanted(each.channel)),
         }
-    }
-
-    /// Whether there are as many messages of each channel as the message index says.
-    pub fn keeps_promise(&self, walked: &Walked) -> bool {
-        let mut promised: Vec<_> =
-            self.promised.iter().copied().filter(|(_, count)| *count > 0).collect();
-        let found = walked.counts.iter().map(|each| (each.channel, u64::from(each.messages)));
-        let mut found: Vec<_> = found.collect();
-        promised.sort_unstable();
-        found.sort_unstable();
-        promised == found
     }
 
     /// Adds to what it lost where a message lies outside of the times that it states itself, by which
@@ -117,7 +107,7 @@ impl Part {
         } else if let Some(expected) = wrong_crc(packed.crc, || crc32fast::hash(&bytes)) {
             lost.add(self.data.start, expected, u64::from(packed.size), None);
         }
-        let promised: u64 = self.promised.iter().map(|(_, count)| count).sum();
+        let promised: u64 = self.promised.iter().map(Promise::messages).sum();
         walked.places.reserve((bytes.len() / LEAST_MESSAGE).min(promised as usize));
         Walk { walked: &mut walked, channels, chunk, inside: true }.run(&mut bytes, 0);
         channels.forget(&walked.counts);

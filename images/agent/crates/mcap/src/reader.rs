@@ -12,6 +12,7 @@ use crate::layout::{Layout, lay_out};
 use crate::loss::Tally;
 use crate::names::Names;
 use crate::part::{Made, Packed, Part};
+use crate::promise::Broken;
 use crate::publish::FRAME_IN_RECORD;
 use crate::record::{Attachment, Metadata, Schema};
 use crate::walk::{Channels, Declared, Walked};
@@ -113,6 +114,7 @@ impl Mcap {
             mcap.names.add(offset, declared, &mut mcap.lost);
         }
         mcap.learn();
+        mcap.compare_plain();
         mcap.indexed = by_index && mcap.is_indexed(statistics);
         if !mcap.indexed {
             let all: Vec<usize> = (0..mcap.parts.len()).collect();
@@ -368,7 +370,7 @@ impl Mcap {
         });
     }
 
-    /// Adds to what a chunk lost where it is not what the summary says.
+    /// Adds to what a chunk lost where it is not what the summary and its message indexes say.
     fn compare(&self, part: &Part, made: &mut Made) {
         let Walked { lost, declared, .. } = &mut made.walked;
         if self.indexed {
@@ -377,16 +379,41 @@ impl Mcap {
                 let expected = "the schemas and channels of the summary in this chunk";
                 lost.add(part.position, expected.to_owned(), 0, None);
             }
-            if !part.keeps_promise(&made.walked) {
-                let expected = "as many messages in this chunk as its message index says";
-                made.walked.lost.add(part.position, expected.to_owned(), 0, None);
+        }
+        if made.walked.lost.is_none()
+            && let Some(expected) = self.broken_promise(part, &made.walked)
+        {
+            made.walked.lost.add(part.position, expected, 0, Some(0));
+        }
+    }
+
+    /// The same for chunks that lie in the file as they are.
+    fn compare_plain(&mut self) {
+        let mut lost = Tally::default();
+        for part in self.parts.iter().filter(|part| part.packed.is_none()) {
+            if let Some(made) = part.made.get()
+                && let Some(expected) = self.broken_promise(part, &made.walked)
+            {
+                lost.add(part.position, expected, 0, Some(0));
             }
         }
+        self.lost.add_all(0, lost);
+    }
+
+    /// What is expected where a chunk has other messages than its message indexes name, by which
+    /// cases are planned. Without a summary it need not have any.
+    fn broken_promise(&self, part: &Part, walked: &Walked) -> Option<String> {
+        if part.promised.is_empty() && !(self.indexed && part.packed.is_some()) {
+            return None;
+        }
+        let broken = Broken::find(&part.promised, &walked.counts, &self.file)?;
+        let of = self.names.channels.iter().find(|each| each.id == broken.channel);
+        Some(broken.expected(of.map(|each| each.topic.as_str())))
     }
 
     /// Whether the summary declares every channel, and the indexes name every message.
     fn is_indexed(&self, statistics: Option<(usize, u64)>) -> bool {
-        let promised = |part: &Part| part.promised.iter().all(|(id, _)| self.names.has(*id));
+        let promised = |part: &Part| part.promised.iter().all(|each| self.names.has(each.channel));
         self.lost.is_none()
             && statistics.is_some_and(|(_, messages)| messages == self.message_count())
             && self.names.without_schema().next().is_none()

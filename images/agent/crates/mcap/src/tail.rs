@@ -26,8 +26,8 @@ const INDEX_FIELDS: u64 = HEAD as u64 + 6;
 const CRC_IN_FOOTER: usize = HEAD + 16;
 /// The record behind the data.
 const DATA_END_BYTES: u64 = HEAD as u64 + 4;
-const ADVICE: &str = "write it again with chunks, message indexes and a summary (`bagpipe bag \
-                      reindex BAG --to NEW`)";
+pub(crate) const ADVICE: &str = "write it again with chunks, message indexes and a summary \
+                                 (`bagpipe bag reindex BAG --to NEW`)";
 
 /// Where the head ends, which is the magic and the header record, in the bytes with which a file
 /// begins.

@@ -25,6 +25,8 @@ pub(crate) struct Count {
     pub messages: u32,
     /// Where the first one's record lies.
     pub first: u32,
+    /// Of their times ([`with_time`]).
+    pub times: u64,
 }
 
 /// What a walk has found so far.
@@ -132,7 +134,7 @@ impl Walk<'_> {
         self.walked.upper_halves.keep(start, time, publish_time);
         head[FRAME_IN_RECORD..].copy_from_slice(&(data_length as u32).to_le_bytes());
         let end = at + LEAST_MESSAGE + data_length as usize;
-        self.count(channel, at as u32);
+        self.count(channel, at as u32, time);
         let (first, last) = self.walked.times;
         self.walked.times = if self.walked.places.is_empty() {
             (time, time)
@@ -146,13 +148,16 @@ impl Walk<'_> {
     }
 
     #[inline]
-    fn count(&mut self, channel: u16, at: u32) {
+    fn count(&mut self, channel: u16, at: u32, time: u64) {
         let slot = self.channels.slot(channel);
         if *slot == 0 {
-            self.walked.counts.push(Count { channel, messages: 1, first: at });
+            let times = with_time(0, time);
+            self.walked.counts.push(Count { channel, messages: 1, first: at, times });
             *slot = self.walked.counts.len() as u32;
         } else {
-            self.walked.counts[*slot as usize - 1].messages += 1;
+            let count = &mut self.walked.counts[*slot as usize - 1];
+            count.messages += 1;
+            count.times = with_time(count.times, time);
         }
     }
 
@@ -190,6 +195,14 @@ impl Walk<'_> {
         self.lose(defect, lost, None);
         bytes.len()
     }
+}
+
+/// A sum of times with one more: the same for the same times in any order.
+#[inline]
+pub(crate) fn with_time(sum: u64, time: u64) -> u64 {
+    // Mixed, since of plain times two that are wrong could make up for each other.
+    let mixed = time.wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    sum.wrapping_add(mixed ^ (mixed >> 32))
 }
 
 #[inline]

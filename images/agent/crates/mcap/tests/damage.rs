@@ -362,9 +362,10 @@ fn an_index_that_hides_messages_is_not_believed() {
     let recording = open(&with(&other, at + 9, &[0; 4]));
     assert_eq!(recording.loss(), None);
     let error = recording.timeline(|_| true).unwrap_err();
-    let expected = "as many messages in this chunk as its message index says";
     let found = error.to_string();
-    assert_eq!(found, format!("byte {}: expected {expected}", chunk.chunk_start_offset));
+    let begins = format!("byte {}: expected ", chunk.chunk_start_offset);
+    assert!(found.starts_with(&begins), "{found}");
+    assert!(found.contains(" in this chunk, as its message index has them, found "), "{found}");
     assert_eq!(recording.pass(|_| true, |_| {}).unwrap_err().to_string(), found);
     // By the statistics some are missing then, and all chunks are read.
     let recording = open(&with(&with(&bytes, index, &[0x99]), at + 9, &[0; 4]));
