@@ -14,15 +14,15 @@ from typing import Protocol
 
 from bagpipe_operator.api import names, reasons
 from bagpipe_operator.api.objects import Json
-from bagpipe_operator.cluster.client import ApiError, Objects
+from bagpipe_operator.cluster.client import ApiError
 from bagpipe_operator.cluster.event_backlog import Creator
 from bagpipe_operator.cluster.events import Note
-from bagpipe_operator.cluster.lent_pods import may_lend_pods
 from bagpipe_operator.schedules import events
 from bagpipe_operator.schedules.alarms import Alarms
 from bagpipe_operator.schedules.decide import Decision, Verdict, decide, time_zone_of
 from bagpipe_operator.schedules.job import job_manifest, name_taken, refusal_of
 from bagpipe_operator.schedules.metrics import ScheduleMetrics
+from bagpipe_operator.schedules.removal import Deleter, JobRemoval
 from bagpipe_operator.schedules.status import Outcome, Refused, notes_of, status_of
 from bagpipe_operator.schedules.view import ScheduledJob, Schedules, ScheduleView, job_name
 from bagpipe_operator.schedules.zones import Zones
@@ -36,7 +36,7 @@ LIST_EVERY = timedelta(seconds=30)
 MOST_UNANSWERED = 3
 
 
-class ScheduleApi(Objects, Creator, Protocol):
+class ScheduleApi(Deleter, Creator, Protocol):
     """What schedules need of an API server; every method raises ApiError."""
 
     async def create_job(self, manifest: Json) -> Json:
@@ -47,9 +47,6 @@ class ScheduleApi(Objects, Creator, Protocol):
 
     async def list_jobs(self, namespace: str, label: str) -> list[Json]:
         """The SimulationJobs with a label, written `key=value`."""
-
-    async def delete_job(self, namespace: str, name: str, uid: str) -> None:
-        """Deletes a job if it still is the one with that UID; gone is no error."""
 
     async def get_schedule(self, namespace: str, name: str) -> Json:
         """One SimulationSchedule."""
@@ -87,9 +84,11 @@ class ScheduleReconciler:
     _zones: Zones = field(default_factory=Zones)
     _large: asyncio.Lock = field(default_factory=asyncio.Lock)
     _recorder: events.EventRecorder = field(init=False)
+    _removal: JobRemoval = field(init=False)
 
     def __post_init__(self) -> None:
         self._recorder = events.EventRecorder(self.api)
+        self._removal = JobRemoval(self.api, self.view, self.now)
 
     async def reconcile(self, uid: str) -> None:
         """Brings one schedule forward; raises ApiError when it should be tried again."""
@@ -112,14 +111,11 @@ class ScheduleReconciler:
             decision = await self._decided(schedule, now)
         outcome = await self._carried_out(schedule, decision)
         await self._write(schedule, outcome, now)
-        for job in decision.surplus:
-            if not await may_lend_pods(self.api, job.namespace, job.pool_driver, job.uid):
-                await self._delete(job)
-        again = await self._recorder.write(schedule, now)
+        moments = [decision.wake, await self._recorder.write(schedule, now)]
+        moments.append(await self._removal.of_surplus(schedule, decision, now))
         if outcome.refused is not None:
             # The queue's growing pauses apply until the run is started, or the next one is due.
             raise ApiError(422, outcome.refused.reason, outcome.refused.message)
-        moments = [decision.wake, again]
         if decision.verdict is Verdict.WAIT:
             moments.append(self._listed[uid] + LIST_EVERY)
         self.alarms.set(uid, min((at for at in moments if at is not None), default=None))
@@ -128,17 +124,20 @@ class ScheduleReconciler:
         """The schedule; None when it is gone, and so forgotten."""
         schedule = self.view.schedule(uid)
         if schedule is None or schedule.deleting:
-            self.alarms.set(uid, None)
+            self.alarms.forget(uid)
             self._listed.pop(uid, None)  # its jobs go by their ownerReferences
             self._unanswered.pop(uid, None)
             self._recorder.forget(uid)
+            self._removal.forget(uid)
             return None
         self.alarms.set(uid, now)  # stands when a call below fails, so that it is tried again
         return await self._settled(schedule) if uid in self._unanswered else schedule
 
     async def _decided(self, schedule: ScheduleView, now: datetime) -> Decision:
         zone = await self._zones.read(time_zone_of(schedule))
-        return decide(schedule, self.view.jobs(schedule.uid), now, zone)
+        decision = decide(schedule, self.view.jobs(schedule.uid), now, zone)
+        self.alarms.set_next(schedule.uid, decision.wake)
+        return decision
 
     async def _refreshed(self, schedule: ScheduleView) -> ScheduleView | None:
         """The schedule and its jobs as the API server has them: a lagging watch starts nothing."""
@@ -177,8 +176,8 @@ class ScheduleReconciler:
                 if decision.replaced:
                     refused = await self._tried(schedule, decision.run)
                 if refused is None:
-                    for job in decision.replaced:
-                        await self._delete(job)
+                    refused = await self._removal.of_replaced(decision.replaced)
+                if refused is None:
                     refused = await self._start(schedule, decision.run)
             started = "" if refused else job_name(schedule.name, decision.run)
         jobs, passed = self.view.jobs(schedule.uid), self.view.last_passed(schedule.uid)
@@ -228,10 +227,6 @@ class ScheduleReconciler:
         self.metrics.lateness.observe((self.now() - run).total_seconds())
         logger.info("%s/%s: started %s", schedule.namespace, schedule.name, name)
         return None
-
-    async def _delete(self, job: ScheduledJob) -> None:
-        await self.api.delete_job(job.namespace, job.name, job.uid)
-        self.view.drop_job(job)
 
     async def _write(self, schedule: ScheduleView, outcome: Outcome, now: datetime) -> None:
         """Writes what changed, and keeps it to be reported."""
