@@ -4,7 +4,6 @@ Level-triggered: it is right whenever and however often it is called, and by who
 has one name, so that a second operator meets AlreadyExists.
 """
 
-import asyncio
 import contextlib
 import logging
 from collections.abc import Callable
@@ -17,6 +16,7 @@ from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import ApiError
 from bagpipe_operator.cluster.event_backlog import Creator
 from bagpipe_operator.cluster.events import Note
+from bagpipe_operator.cluster.write_turns import WriteTurns
 from bagpipe_operator.schedules import events
 from bagpipe_operator.schedules.alarms import Alarms
 from bagpipe_operator.schedules.decide import Decision, Verdict, decide, time_zone_of
@@ -82,7 +82,8 @@ class ScheduleReconciler:
     _listed: dict[str, datetime] = field(default_factory=dict)
     _unanswered: dict[str, list[_Write]] = field(default_factory=dict)
     _zones: Zones = field(default_factory=Zones)
-    _large: asyncio.Lock = field(default_factory=asyncio.Lock)
+    # One at a time, and one more beside another namespace's that is slow, as behind a webhook.
+    _large: WriteTurns = field(default_factory=lambda: WriteTurns(1, 0, 1))
     _recorder: events.EventRecorder = field(init=False)
     _removal: JobRemoval = field(init=False)
 
@@ -171,17 +172,22 @@ class ScheduleReconciler:
         """Starts the run that is due, if one is to be started."""
         started, refused = "", None
         if decision.verdict is Verdict.START and decision.run is not None:
-            # Of large ones one at a time: each takes a hundred megabytes meanwhile.
-            async with self._large if schedule.large else contextlib.nullcontext():
-                if decision.replaced:
+            if decision.replaced:
+                async with self._turn(schedule):
                     refused = await self._tried(schedule, decision.run)
-                if refused is None:
-                    refused = await self._removal.of_replaced(decision.replaced)
-                if refused is None:
+            if refused is None:
+                refused = await self._removal.of_replaced(decision.replaced)
+            if refused is None:
+                async with self._turn(schedule):
                     refused = await self._start(schedule, decision.run)
             started = "" if refused else job_name(schedule.name, decision.run)
         jobs, passed = self.view.jobs(schedule.uid), self.view.last_passed(schedule.uid)
         return Outcome(decision, jobs, started, refused, passed)
+
+    def _turn(self, schedule: ScheduleView) -> contextlib.AbstractAsyncContextManager[None]:
+        """Large ones take turns: each takes a hundred megabytes while it makes its job."""
+        large = self._large.taken(schedule.namespace)
+        return large if schedule.large else contextlib.nullcontext()
 
     async def _tried(self, schedule: ScheduleView, run: datetime) -> Refused | None:
         """Why the run's job would be refused: what works is not replaced by what can't.

@@ -16,6 +16,7 @@ from bagpipe_operator.cluster.client import ApiError
 from bagpipe_operator.runtime.queue import WorkQueue
 from bagpipe_operator.schedules.alarms import Alarms
 from bagpipe_operator.schedules.view import ScheduledJob, ScheduleView
+from tests.unit.operator import virtual_time
 from tests.unit.operator.schedules.world import (
     UID,
     World,
@@ -24,6 +25,7 @@ from tests.unit.operator.schedules.world import (
     minute,
     name_of,
 )
+from tests.waiting import PATIENCE
 
 
 async def test_before_the_first_run_only_the_status_is_written() -> None:
@@ -612,6 +614,57 @@ async def test_of_large_schedules_one_is_started_at_a_time() -> None:
     runs = [replace(decision, run=minute(n)) for n in range(5, 9)]
     await asyncio.gather(*(world.reconciler._carried_out(small, each) for each in runs))
     assert (most, len(world.names)) == (4, 8)
+
+
+async def test_a_job_that_is_slow_to_go_keeps_no_other_large_schedule_from_its_start() -> None:
+    world = World(concurrencyPolicy="Replace")
+    await world.at(1)
+    large = replace(ScheduleView.from_object(make_schedule()), large=True)
+    replacing = replace(large, spec=large.spec | {"concurrencyPolicy": "Replace"})
+    begun, hanging = asyncio.Event(), asyncio.Event()
+
+    async def delete_job(*_: str) -> None:
+        begun.set()
+        await hanging.wait()
+
+    world.api.delete_job = delete_job  # type: ignore[assignment]
+    decision = await world.reconciler._decided(replacing, minute(2))
+    slow = asyncio.create_task(world.reconciler._carried_out(replacing, decision))
+    other = replace(decision, run=minute(3), replaced=())
+    async with asyncio.timeout(PATIENCE):
+        await begun.wait()
+        await world.reconciler._carried_out(large, other)
+    assert world.names == [name_of(1), name_of(3)]
+    hanging.set()
+    await slow
+    assert name_of(2) in world.names
+
+
+def test_a_large_schedule_of_another_namespace_passes_a_creation_that_is_slow() -> None:
+    """One at a time would let a webhook that hangs in one make the runs of all late."""
+
+    async def late() -> float:
+        world = World()
+        large = replace(ScheduleView.from_object(make_schedule()), large=True)
+        decision = await world.reconciler._decided(large, minute(1))
+        create_job = world.api.create_job
+
+        async def create(manifest: dict[str, Any]) -> dict[str, Any]:
+            await asyncio.sleep(10 if manifest["metadata"]["namespace"] == "lanes" else 0)
+            return await create_job(manifest)
+
+        world.api.create_job = create  # type: ignore[method-assign]
+        runs = [replace(decision, run=minute(n)) for n in range(1, 4)]
+        slow = [asyncio.create_task(world.reconciler._carried_out(large, run)) for run in runs]
+        await asyncio.sleep(0)
+        other = replace(large, namespace="drives", name="hourly", uid="uid-of-hourly")
+        await world.reconciler._carried_out(other, decision)
+        at = asyncio.get_running_loop().time()
+        await asyncio.gather(*slow)
+        assert asyncio.get_running_loop().time() == 30
+        return at
+
+    assert virtual_time.run(late()) == 1
 
 
 async def test_a_run_that_passed_is_known_though_its_job_was_removed_at_once() -> None:
