@@ -33,6 +33,7 @@ from bagpipe_operator.jobs.kueue.watch import WorkloadWatch, register_workloads
 from bagpipe_operator.jobs.kueue.workload_view import Workloads
 from bagpipe_operator.jobs.large_jobs import LargeJobs
 from bagpipe_operator.jobs.metrics import JobMetrics
+from bagpipe_operator.jobs.overdue_pods import OverduePods
 from bagpipe_operator.jobs.reconcile import Reconciler
 from bagpipe_operator.jobs.sweep import Sweeper
 from bagpipe_operator.jobs.view import View
@@ -143,6 +144,7 @@ async def run(settings: Settings) -> None:
             census.run(),
             of_schedules.run(),
             inquiry.run(),
+            OverduePods(api, view, fence.leads).run(),
             *(at_work(queue, passed_on=large.take) for _ in range(settings.workers)),
             at_work(large.queue),
         )

@@ -2,9 +2,7 @@
 
 import pytest
 
-from bagpipe_operator.jobs.sweep import Sweeper
-from bagpipe_operator.runtime.queue import WorkQueue
-from tests.unit.operator.builders import account, make_driver, make_executor, make_job
+from tests.unit.operator.builders import make_driver, make_executor, make_job
 from tests.unit.operator.test_life import edit, gone, running
 from tests.unit.operator.world import UID, World
 
@@ -164,65 +162,3 @@ async def test_a_trouble_that_was_mended_unseen_ends_no_job() -> None:
     await world.reconcile(after=30)
     await world.reconcile(after=2)
     assert (world.status()["phase"], world.reason("Running")) == ("Running", "True/CasesRunning")
-
-
-async def ended_with_an_executor_on_its_way_out(world: World) -> Sweeper:
-    """The job is over; who sweeps it is returned."""
-    await running(world)
-    world.deliver(make_driver("x").ended(0, account("Complete", verdict="Passed")))
-    world.deliver(make_executor("x").running().deleting("2026-11-20T04:00:30Z"))
-    await world.reconcile(after=2)
-    assert world.status()["phase"] == "Complete"
-    return Sweeper(world.view, WorkQueue(), 2.0, now=world.clock.now)
-
-
-async def swept(world: World, sweeper: Sweeper, seconds: int) -> None:
-    """The operator goes on for so long."""
-    for _ in range(seconds // 2):
-        world.clock.advance(2)
-        if sweeper.sweep():
-            await world.reconcile()
-
-
-async def test_a_pod_of_an_ended_job_that_went_unseen_is_not_counted_for_long() -> None:
-    world = World()
-    sweeper = await ended_with_an_executor_on_its_way_out(world)
-    vanish(world, "x-1-exec-1")
-    await swept(world, sweeper, 120)
-    assert [pod.name for pod in world.view.pods(UID)] == ["x-1-driver"]
-    world.api.calls.clear()
-    await swept(world, sweeper, 3600)
-    assert world.api.calls == []
-
-
-async def test_a_pod_on_a_node_that_is_cut_off_is_looked_for_once_a_minute() -> None:
-    """It may be deleted for hours, and thousands with it."""
-    world = World()
-    sweeper = await ended_with_an_executor_on_its_way_out(world)
-    await swept(world, sweeper, 60)
-    world.api.calls.clear()
-    await swept(world, sweeper, 3600)
-    assert world.api.calls == ["get pods"] * 60
-    assert len(world.view.pods(UID)) == 2
-
-
-async def test_overdue_pods_are_looked_for_once_a_minute_whatever_asks_for_their_job() -> None:
-    """Its receiver is down, so that the sweeper asks for it again and again; or events come."""
-    world = World()
-    sweeper = await ended_with_an_executor_on_its_way_out(world)
-    await swept(world, sweeper, 60)
-    world.api.calls.clear()
-    for _ in range(300):
-        await world.reconcile(after=2)
-    assert 10 <= world.api.calls.count("get pods") <= 12
-    assert set(world.api.calls) == {"get pods"}
-
-
-async def test_a_clock_that_is_set_back_keeps_no_such_pod_for_ever() -> None:
-    world = World()
-    sweeper = await ended_with_an_executor_on_its_way_out(world)
-    await swept(world, sweeper, 7200)
-    world.clock.advance(-3600)
-    vanish(world, "x-1-exec-1")
-    await swept(world, sweeper, 120)
-    assert [pod.name for pod in world.view.pods(UID)] == ["x-1-driver"]

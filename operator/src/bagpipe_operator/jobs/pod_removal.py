@@ -5,7 +5,6 @@ from datetime import datetime
 
 from bagpipe_operator.api import names
 from bagpipe_operator.cluster.client import Api
-from bagpipe_operator.jobs.driver.ending import overdue
 from bagpipe_operator.jobs.policies.places import living, needs_stop
 from bagpipe_operator.jobs.view import JobView, PodView, View
 
@@ -39,10 +38,6 @@ class PodRemoval:
     def left_of(self, job: JobView) -> list[PodView]:
         """The pods of an ended job that have not ended themselves."""
         return [pod for pod in self._view.pods(job.uid) if not pod.ended and not pod.deleting]
-
-    def overdue_of(self, job: JobView) -> list[PodView]:
-        """The pods of an ended job that were deleted and should be gone."""
-        return [pod for pod in self._view.pods(job.uid) if overdue(pod, self._now())]
 
     async def of_leftovers(self, left: list[PodView]) -> None:
         """Deletes what is left of an ended job.

@@ -18,7 +18,6 @@ from bagpipe_operator.jobs.driver_start import DriverStart
 from bagpipe_operator.jobs.event_recorder import EventRecorder
 from bagpipe_operator.jobs.kueue.queueing import Queueing
 from bagpipe_operator.jobs.observer import Observer, follows, resumes
-from bagpipe_operator.jobs.overdue_pods import OverduePods
 from bagpipe_operator.jobs.pod_removal import PodRemoval
 from bagpipe_operator.jobs.policies.halt import halt_of
 from bagpipe_operator.jobs.policies.last_passed import Handover
@@ -68,7 +67,6 @@ class Reconciler:
     _writer: StatusWriter = field(init=False)
     _starts: DriverStart = field(init=False)
     _observer: Observer = field(init=False)
-    _overdue: OverduePods = field(init=False)
 
     def __post_init__(self) -> None:
         self._recorder = EventRecorder(self.api, self.monotonic)
@@ -96,7 +94,6 @@ class Reconciler:
             self.api, self.view, self.settings, self.now, self.monotonic, queueing=self.queueing,
             warm=self._warm, lookup=self._lookup, starts=self._starts,
         )  # fmt: skip
-        self._overdue = OverduePods(self._lookup, self._removal, self.monotonic)
         self._lookup.begin_to_lead()
         if self.queueing is not None:
             self.queueing.begin_to_lead()
@@ -132,8 +129,6 @@ class Reconciler:
         if await self._is_due_to_go(job):
             await self._remove(job)
             return
-        if job.finished:
-            await self._overdue.look(job)
         if unwritten is not None:
             raise unwritten  # else nothing might ever ask for a job that has ended or rests
 
@@ -240,7 +235,6 @@ class Reconciler:
         self._forget(uid)
         self._warm.forget_driver(uid)
         self._writer.forget_gone(uid)
-        self._overdue.forget(uid)
         self._recorder.forget(uid)
         self.announcer.forget(uid)
         self._handover.forget(uid)

@@ -7,20 +7,14 @@ have an unwritten Event or an undeleted pod, and nothing else would ever ask for
 import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime
 
-from bagpipe_operator.jobs.driver.ending import overdue
 from bagpipe_operator.jobs.large_jobs import LargeJobs
 from bagpipe_operator.jobs.policies.places import lingers
 from bagpipe_operator.jobs.policies.suspend import is_swept
 from bagpipe_operator.jobs.policies.ttl import expired
 from bagpipe_operator.jobs.view import JobView, View
 from bagpipe_operator.runtime.queue import WorkQueue
-
-# Pods that should be gone are there for hours on a node that is cut off, thousands maybe; each is
-# asked for when its job has ended, since their deletion may have fallen between two watches.
-OVERDUE_EVERY = timedelta(minutes=1)
-_NEVER = datetime.min.replace(tzinfo=UTC)
 
 
 @dataclass
@@ -36,28 +30,22 @@ class Sweeper:
     last_sweep: float = float("-inf")
     now: Callable[[], datetime] = lambda: datetime.now(UTC)
     large: LargeJobs | None = None
-    _looked_for_overdue: datetime = _NEVER
 
     def sweep(self) -> int:
         """One visit; how many jobs were asked for."""
-        now = self.now()
-        looks = abs(now - self._looked_for_overdue) >= OVERDUE_EVERY
-        if looks:
-            self._looked_for_overdue = now
-        jobs = (job for job in self.view.jobs() if not job.deleting and self._is_due(job, looks))
+        jobs = (job for job in self.view.jobs() if not job.deleting and self._is_due(job))
         failed = self.queue.rested() + (self.large.queue.rested() if self.large else [])
         due = {job.uid: None for job in jobs} | dict.fromkeys(failed)
         for uid in due:
             self.queue.add_if_rested(uid)
         return len(due)
 
-    def _is_due(self, job: JobView, looks_for_overdue: bool) -> bool:
+    def _is_due(self, job: JobView) -> bool:
         if not job.finished:
             return is_swept(job)
         now, pods = self.now(), self.view.pods(job.uid)
         waits = bool(job.status.get("pool")) and any(not (p.ended or p.deleting) for p in pods)
-        late = looks_for_overdue and any(overdue(pod, now) for pod in pods)
-        return expired(job, now) or waits or late or any(lingers(pod, now) for pod in pods)
+        return expired(job, now) or waits or any(lingers(pod, now) for pod in pods)
 
     def sweep_all(self) -> None:
         """Asks for every job, also those that have ended: a new leader knows of no work done."""
