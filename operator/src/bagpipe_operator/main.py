@@ -119,13 +119,15 @@ async def run(settings: Settings) -> None:
         election = Election(api, fence, terms, where, settings.lease_name, on_lead=take_up)
         namespaces = settings.watch_namespaces or (None,)
         census = Census(view, queue, api.job_uids, namespaces)
-        metrics.unlisted_namespaces.set_function(lambda: len(census.unlisted))
+        of_schedules = schedules.census(api.schedule_uids, namespaces)
+        metrics.unlisted_namespaces.set_function(
+            lambda: len(census.unlisted | of_schedules.unlisted)
+        )
         health = serve.Health(sweeper, lease_trouble=election.trouble, list_trouble=census.trouble)
         answers = serve.answers(health, metrics)
         runner = await serve.start(answers, settings.listen_host, settings.listen_port)
         stack.push_async_callback(runner.cleanup)
-        census.unlisted = await wait_until_watchable(api, settings)
-        of_schedules = schedules.census(api.schedule_uids, namespaces)
+        census.unlisted = of_schedules.unlisted = await wait_until_watchable(api, settings)
 
         def look_for_what_went() -> None:
             census.hasten()

@@ -121,23 +121,17 @@ async def test_a_fault_ends_no_census(fault: Exception) -> None:
     assert known(view) == []
 
 
-async def counted_at(
-    relists: list[float], until: float, faults: int = 0, others: tuple[str, ...] = ()
-) -> list[float]:
-    """When a census counts, for watches that begin again at these moments; of other namespaces
-    lists are answered at all times.
-    """
+async def counted_at(relists: list[float], until: float, faults: int = 0) -> list[float]:
+    """When a census counts, for watches that begin again at these moments."""
     loop, counts, left = asyncio.get_running_loop(), list[float](), [ApiError(0, "", "")] * faults
 
-    async def register(namespace: str | None) -> set[str]:
-        if namespace in others:
-            return set()
+    async def register(_: str | None) -> set[str]:
         counts.append(loop.time())
         if left:
             raise left.pop()
         return set()
 
-    census = Census(viewing(), WorkQueue(), register, (None, *others))
+    census = Census(viewing(), WorkQueue(), register, (None,))
     for moment in relists:
         loop.call_at(moment, census.hasten)
     running = asyncio.create_task(census.run())
@@ -162,8 +156,40 @@ def test_a_watch_that_begins_again_brings_the_census_forward(
     relists: list[float], faults: int, counts: list[float]
 ) -> None:
     assert virtual_time.run(counted_at(relists, 1301, faults)) == counts
-    # So it is where one namespace of several is not listed.
-    assert virtual_time.run(counted_at(relists, 1301, faults, ("lanes",))) == counts
+
+
+def test_a_namespace_that_is_not_listed_is_asked_for_alone_until_it_is() -> None:
+    """Each list of all the others is much work for the API server."""
+
+    async def lists() -> dict[str | None, list[float]]:
+        asked: dict[str | None, list[float]] = {"drives": [], "lanes": []}
+
+        async def register(namespace: str | None) -> set[str]:
+            asked[namespace].append(asyncio.get_running_loop().time())
+            if namespace == "drives" and len(asked[namespace]) < 25:
+                raise ApiError(403, "Forbidden", "no RoleBinding")
+            return set()
+
+        view = viewing()
+        census = Census(view, WorkQueue(), register, ("drives", "lanes"), unlisted={"drives"})
+        running = asyncio.create_task(census.run())
+        await asyncio.sleep(1000)
+        for name, namespace in (("x", "drives"), ("y", "lanes")):
+            view.put_job(replace(make_job(name).view(), namespace=namespace))
+        asyncio.get_running_loop().call_later(30, census.hasten)
+        await asyncio.sleep(460)
+        assert known(view) == ["x"]
+        view.put_job(replace(make_job("z").view(), namespace="lanes"))
+        await asyncio.sleep(50)
+        running.cancel()
+        assert known(view) == ["z"]
+        assert census.unlisted == set()
+        return asked
+
+    asked = virtual_time.run(lists())
+    assert asked["drives"] == [60 * count for count in range(1, 26)]
+    # After ten minutes, and since a watch has begun again.
+    assert asked["lanes"] == [600, 1080]
 
 
 async def test_a_namespace_that_can_t_be_listed_keeps_its_jobs_and_no_others() -> None:
@@ -197,6 +223,37 @@ async def test_trouble_is_reported_once_no_namespace_can_be_listed() -> None:
     register.forbidden = {"lanes"}
     await census.count()
     assert census.trouble() == ""
+
+
+@pytest.mark.parametrize("fault", [ApiError(0, "Timeout", "late"), ApiError(500, "", "busy")])
+async def test_a_list_that_is_not_answered_in_time_is_no_lack_of_rights(fault: ApiError) -> None:
+    register = Register(viewing(), {"lanes": set(), "drives": set()}, fault=fault)
+    census = Census(viewing(), WorkQueue(), register.job_uids, ("drives", "lanes"))
+    with pytest.raises(ApiError):
+        await census.count()
+    assert census.trouble() == ""
+    register.fault, register.forbidden = None, {"drives"}
+    await census.count()
+    assert census.trouble() == ""
+
+
+async def test_a_pod_in_another_namespace_keeps_no_job_that_is_gone() -> None:
+    """Its label is anybody's to write."""
+    view = viewing("gone")
+    view.put_pod(replace(make_driver("gone").view(), namespace="drives"))
+    register = Register(view, {"lanes": set()}, forbidden={"drives"})
+    assert await Census(view, WorkQueue(), register.job_uids, ("drives", "lanes")).count() == 1
+    assert known(view) == []
+
+
+async def test_a_job_in_another_namespace_keeps_no_schedule_that_is_gone() -> None:
+    view = Schedules()
+    view.put_schedule(ScheduleView.from_object(make_schedule()))
+    job = ScheduledJob.from_object(made_by_schedule(name_of(1)))
+    view.put_job(replace(job, namespace="drives"))
+    register = Register(View(), {"lanes": set()}, forbidden={"drives"})
+    census = Census(view, WorkQueue(), register.job_uids, ("drives", "lanes"))
+    assert (await census.count(), view.schedule(UID)) == (1, None)
 
 
 async def test_schedules_of_a_namespace_that_can_t_be_listed_stay() -> None:

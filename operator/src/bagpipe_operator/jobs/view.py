@@ -443,10 +443,12 @@ class View:
         return list(dict.fromkeys((*self._jobs, *owners)))
 
     def namespaces_of(self, uid: str) -> set[str]:
-        """Where a job is, and the pods that were made for it, as their labels say."""
+        """Where a job is; of one that is not known the pods that were made for it, as their labels
+        say."""
         job = self._jobs.get(uid)
-        own = {job.namespace} if job is not None else set()
-        return own | {pod.namespace for pod in self._pods.of(uid).values()}
+        if job is not None:
+            return {job.namespace}
+        return {pod.namespace for pod in self._pods.of(uid).values()}
 
     def forget(self, job_uid: str) -> None:
         """Forgets a job that is gone, and its pods; those that still exist are reported again."""

@@ -37,7 +37,7 @@ class Seen(Protocol):
 @dataclass
 class Census:
     """Compares what is known with what there is, every `period_seconds`; earlier when a watch
-    begins again, or a comparison has failed."""
+    begins again, and of those namespaces whose last list failed."""
 
     view: Seen
     queue: WorkQueue
@@ -47,6 +47,8 @@ class Census:
     period_seconds: float = PERIOD_SECONDS
     # The namespaces of which the last list failed.
     unlisted: Set[str | None] = frozenset()
+    _forbidden: Set[str | None] = frozenset()  # of these those without rights
+    _all_at: float = 0.0
     _soon: asyncio.Event = field(default_factory=asyncio.Event)
 
     def hasten(self) -> None:
@@ -55,19 +57,21 @@ class Census:
 
     def trouble(self) -> str:
         """Why no job can be looked for in any namespace; empty while one can."""
-        if len(self.unlisted) < len(self.namespaces):
+        if len(self._forbidden) < len(self.namespaces):
             return ""
         where = ", ".join(each or "the whole cluster" for each in self.namespaces)
         return f"no list of jobs is answered in {where}: has the operator its rights there?"
 
-    async def count(self) -> int:
-        """One comparison; how many were forgotten. Raises ApiError where no list was answered."""
+    async def count(self, asked: Sequence[str | None] | None = None) -> int:
+        """One comparison, in all namespaces or in some; how many were forgotten.
+
+        Raises ApiError where no list of any namespace was answered.
+        """
+        asked = self.namespaces if asked is None else asked
         # Known before the list begins, so that what is created meanwhile is not missed in it.
         known = self.view.uids()
-        there = await self._there()
-        missing = (uid for uid in known if uid not in there)
-        # Of a namespace without a list nothing is known.
-        gone = [uid for uid in missing if not self.view.namespaces_of(uid) & self.unlisted]
+        there = await self._there(asked)
+        gone = [uid for uid in known if uid not in there and self._would_be_there(uid, asked)]
         for uid in gone:
             self.view.forget(uid)
             self.queue.forget(uid)
@@ -75,16 +79,24 @@ class Census:
             self.queue.add(uid)
         return len(gone)
 
-    async def _there(self) -> set[str]:
+    def _would_be_there(self, uid: str, asked: Sequence[str | None]) -> bool:
+        """Whether it is of namespaces that were listed: of others nothing is known."""
+        places, listed = self.view.namespaces_of(uid), set(asked) - self.unlisted
+        known = bool(places) or len(asked) == len(self.namespaces)
+        return known and (None in listed or places <= listed)
+
+    async def _there(self, asked: Sequence[str | None]) -> set[str]:
         """The UIDs of all that there are, but for the namespaces that are unlisted from now on."""
         there: set[str] = set()
         failed: dict[str | None, ApiError] = {}
-        for namespace in self.namespaces:
+        for namespace in asked:
             try:
                 there |= await self.register(namespace)
             except ApiError as error:
                 failed[namespace] = error
-        self.unlisted = failed.keys()
+        forbidden = {each for each, error in failed.items() if error.status in {401, 403}}
+        self.unlisted = (self.unlisted - set(asked)) | failed.keys()
+        self._forbidden = (self._forbidden - set(asked)) | forbidden
         if len(failed) == len(self.namespaces):
             raise next(iter(failed.values()))
         for namespace, refusal in failed.items():
@@ -93,27 +105,33 @@ class Census:
 
     async def run(self) -> None:
         """Compares until cancelled."""
+        self._all_at = asyncio.get_running_loop().time() + self.period_seconds
         while True:
-            await self._pause()
+            asked = await self._pause()
             try:
-                gone = await self.count()
+                gone = await self.count(asked)
             except ApiError as error:
                 logger.warning("what is gone is looked for later: %s", error)
-                self.hasten()
                 continue
             except Exception:
                 # A bug met here must not keep what goes later for ever.
                 logger.exception("unexpected fault in looking for what is gone")
                 continue
-            if self.unlisted:
-                self.hasten()
             if gone:
                 logger.info("%d went without a word of the watch", gone)
 
-    async def _pause(self) -> None:
-        shortest = min(self.period_seconds, SHORTEST_PERIOD_SECONDS)
-        await asyncio.sleep(shortest)
-        with suppress(TimeoutError):
-            async with asyncio.timeout(self.period_seconds - shortest):
-                await self._soon.wait()
-        self._soon.clear()
+    async def _pause(self) -> Sequence[str | None]:
+        """Waits until a comparison is due; the namespaces that it is of."""
+        now = asyncio.get_running_loop().time
+        await asyncio.sleep(min(self.period_seconds, SHORTEST_PERIOD_SECONDS))
+        if self.unlisted and not self._soon.is_set() and now() < self._all_at:
+            asked = [each for each in self.namespaces if each in self.unlisted]
+        else:
+            with suppress(TimeoutError):
+                async with asyncio.timeout_at(self._all_at):
+                    await self._soon.wait()
+            self._soon.clear()
+            asked = list(self.namespaces)
+        if len(asked) == len(self.namespaces):
+            self._all_at = now() + self.period_seconds
+        return asked

@@ -188,10 +188,11 @@ class Schedules:
         return list(dict.fromkeys((*self._schedules, *self._jobs.owners(), *self._passed)))
 
     def namespaces_of(self, uid: str) -> set[str]:
-        """Where a schedule is, and the jobs that call it their owner."""
+        """Where a schedule is; of one that is not known the jobs that call it their owner."""
         schedule = self._schedules.get(uid)
-        own = {schedule.namespace} if schedule is not None else set()
-        return own | {job.namespace for job in self._jobs.of(uid).values()}
+        if schedule is not None:
+            return {schedule.namespace}
+        return {job.namespace for job in self._jobs.of(uid).values()}
 
     def put_schedule(self, schedule: ScheduleView) -> bool:
         """Keeps a schedule unless it is gone or something newer is known; says whether it was."""
