@@ -59,8 +59,9 @@ class Metrics:
         )
         self.unlisted_namespaces = Gauge(
             "bagpipe_unlisted_namespaces",
-            "Watched namespaces of which the last list of all jobs failed, as where the operator "
-            "has no rights: nothing is done for their jobs, and those of others go on.",
+            "Watched namespaces of which the last list of all jobs or schedules failed, as where "
+            "the operator has no rights: nothing is done for their jobs, and those of others go "
+            "on.",
             registry=self.registry,
         )
 
