@@ -18,7 +18,7 @@ GONE_BY = "2999-01-01T00:00:00Z"
 
 
 def not_found(what: str) -> ApiError:
-    return ApiError(404, "NotFound", f"{what} not found")
+    return ApiError(404, "NotFound", f'"{what}" not found')
 
 
 @dataclass

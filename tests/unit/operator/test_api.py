@@ -12,7 +12,8 @@ from kubernetes.aio.client import ApiClient, Configuration
 from kubernetes.aio.config import ConfigException
 
 from bagpipe_operator import main
-from bagpipe_operator.cluster.client import ApiError
+from bagpipe_operator.api.objects import Json
+from bagpipe_operator.cluster.client import ApiError, get_if_there
 from bagpipe_operator.jobs.kueue.api import KubernetesKueueApi
 from bagpipe_operator.settings import Settings
 
@@ -142,10 +143,34 @@ async def test_a_proxy_s_page_is_an_error_too() -> None:
     assert (caught.value.status, caught.value.message) == (502, "<html>Bad Gateway</html>")
 
 
-@pytest.mark.parametrize("status", [404, 409])
-async def test_deleting_what_is_gone_is_no_error_and_is_reported(status: int) -> None:
-    async with server(Recorder((status, {"kind": "Status"})).answer) as api:
+GONE = {"kind": "Status", "reason": "NotFound", "message": 'pods "p" not found'}
+# Of a proxy, and of an API server that serves no such resource, as while its CRD is replaced.
+NOT_SERVED = (
+    "404 page not found",
+    GONE | {"message": "the server could not find the requested resource"},
+    GONE | {"message": 'pods "another" not found'},
+)
+
+
+@pytest.mark.parametrize(("status", "answer"), [(404, GONE), (409, {"kind": "Status"})])
+async def test_deleting_what_is_gone_is_no_error_and_is_reported(status: int, answer: Json) -> None:
+    async with server(Recorder((status, answer)).answer) as api:
         assert await api.delete_pod("lanes", "p", "uid-of-p") is False
+
+
+async def test_what_is_there_is_got_and_what_is_gone_is_none() -> None:
+    async with server(Recorder((200, {"kind": "Pod"}), (404, GONE)).answer) as api:
+        assert await get_if_there(api, "pods", "lanes", "p") == {"kind": "Pod"}
+        assert await get_if_there(api, "pods", "lanes", "p") is None
+
+
+@pytest.mark.parametrize("answer", NOT_SERVED)
+async def test_what_is_not_served_is_not_gone(answer: str | Json) -> None:
+    async with server(Recorder((404, answer), (404, answer)).answer) as api:
+        with pytest.raises(ApiError, match="404"):
+            await get_if_there(api, "pods", "lanes", "p")
+        with pytest.raises(ApiError, match="404"):
+            await api.delete_pod("lanes", "p", "uid-of-p")
 
 
 async def test_a_server_that_does_not_answer_is_given_up_at_the_deadline() -> None:

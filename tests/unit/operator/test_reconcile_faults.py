@@ -43,6 +43,45 @@ async def test_of_a_job_that_a_write_finds_gone_nothing_is_kept() -> None:
     assert world.reconciler._recorder._met == set()
 
 
+# As of a proxy, or while the CRD is replaced.
+NOT_SERVED = ApiError(404, "Unknown", "404 page not found")
+
+
+@pytest.mark.parametrize("call", ["patch status", "get job"])
+async def test_a_404_that_is_not_the_job_s_forgets_no_job(call: str) -> None:
+    """Nobody would bring it back: its UID is that of one that is gone for good."""
+    world = World(make_job("x").with_spec("activeDeadline", "60s"))
+    await world.reconcile()
+    world.deliver(make_driver("x").running())
+    if call == "get job":
+        world.api.fail("patch status", ApiError(409, "Conflict", "modified"))
+    world.api.fail(call, NOT_SERVED)
+    with pytest.raises(ApiError, match="404 page not found"):
+        await world.reconcile(after=60)
+    assert world.view.job(UID) is not None
+    await world.reconcile()
+    assert world.reason("Running") == "False/DeadlineExceeded"
+
+
+async def test_a_404_that_is_not_the_earlier_job_s_ends_no_job() -> None:
+    world = World(make_job("x").with_spec("resumeFrom", "y"))
+    world.api.fail("get job", NOT_SERVED)
+    with pytest.raises(ApiError, match="404 page not found"):
+        await world.reconcile()
+    assert world.status() == {}
+
+
+async def test_a_404_that_is_not_the_driver_s_pod_s_loses_no_driver() -> None:
+    world = World()
+    await world.reconcile()
+    del world.api.objects["pods", "x-1-driver"]
+    await world.reconcile(after=2)
+    world.api.fail("get pods", NOT_SERVED)
+    with pytest.raises(ApiError, match="404 page not found"):
+        await world.reconcile(after=30)
+    assert world.status()["attempt"] == 1
+
+
 async def test_of_a_job_that_its_removal_finds_gone_nothing_is_kept() -> None:
     world = World(make_job("x").with_spec("ttlAfterFinished", "60s"))
     await world.reconcile()

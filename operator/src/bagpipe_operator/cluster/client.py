@@ -38,6 +38,11 @@ class ApiError(Exception):
         self.reason = reason
         self.message = message
 
+    def is_gone(self, name: str) -> bool:
+        """Whether there is no object of that name; any other 404, as of a proxy or of a CRD that is
+        not served for a moment, says nothing of it."""
+        return self.status == 404 and self.reason == "NotFound" and f'"{name}"' in self.message
+
     @property
     def name_is_taken(self) -> bool:
         """Whether what was to be created is there; any other conflict may pass."""
@@ -128,7 +133,7 @@ async def get_if_there(api: Objects, resource: str, namespace: str, name: str) -
     try:
         return await api.get(resource, namespace, name)
     except ApiError as error:
-        if error.status != 404:
+        if not error.is_gone(name):
             raise
         return None
 
@@ -312,7 +317,7 @@ class KubernetesApi:
             await self._call("DELETE", path, options)
         except ApiError as error:
             # 409: another object has taken the name. Either way this one is gone.
-            if error.status not in {404, 409}:
+            if error.status != 409 and not error.is_gone(path.rpartition("/")[2]):
                 raise
             return False
         return True

@@ -115,7 +115,7 @@ class Observer:
         try:
             home = JobView.from_object(await self.api.get_job(job.namespace, claim.job))
         except ApiError as error:
-            if error.status != 404:
+            if not error.is_gone(claim.job):
                 raise
             return replace(ending, voluntary=True)
         stays = home.uid == claim.uid and not home.deleting

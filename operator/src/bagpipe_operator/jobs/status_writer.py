@@ -63,9 +63,10 @@ class StatusWriter:
             with self._pace.writing(job.uid, urgent):
                 written = await self._api.patch_status(job.namespace, job.name, patch, urgent)
         except ApiError as error:
-            if error.status in {404, 409}:
+            gone = error.is_gone(job.name)
+            if gone or error.status == 409:
                 await self.reread(job)
-            if error.status == 404:
+            if gone:
                 return None
             raise
         now = JobView.from_object(written)
@@ -84,7 +85,7 @@ class StatusWriter:
         try:
             live = JobView.from_object(await self._api.get_job(job.namespace, job.name))
         except ApiError as error:
-            if error.status != 404:
+            if not error.is_gone(job.name):
                 raise
             self._view.drop_job(job.uid)
             return

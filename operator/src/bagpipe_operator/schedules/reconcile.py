@@ -158,7 +158,7 @@ class ScheduleReconciler:
                 await self.api.get_schedule(schedule.namespace, schedule.name)
             )
         except ApiError as error:
-            if error.status != 404:
+            if not error.is_gone(schedule.name):
                 raise
             self.view.drop_schedule(schedule.uid)
             return None
@@ -251,13 +251,14 @@ class ScheduleReconciler:
         try:
             written = await self.api.patch_schedule_status(schedule.namespace, schedule.name, patch)
         except ApiError as error:
-            if error.status in {404, 409}:
+            gone = error.is_gone(schedule.name)
+            if gone or error.status == 409:
                 # This one did not happen; one before it may have.
                 self._unanswered.pop(schedule.uid)
-                if before and error.status == 409:
+                if before and not gone:
                     self._unanswered[schedule.uid] = before
                 await self._reread(schedule)
-            if error.status == 404:
+            if gone:
                 return
             raise
         self._unanswered.pop(schedule.uid)

@@ -164,8 +164,8 @@ async def test_a_flavor_that_can_t_be_read_is_reported_and_asked_for_again() -> 
     await world.admit()
     await world.reconcile()
     assert world.message("Accepted") == (
-        "ResourceFlavor default, which the job was admitted to, can't be read: default not found. "
-        "The job starts as soon as it can."
+        "ResourceFlavor default, which the job was admitted to, can't be read: "
+        '"default" not found. The job starts as soon as it can.'
     )
     asked = world.api.calls.count("get flavors")
     await world.reconcile(after=2)

@@ -496,7 +496,7 @@ async def test_a_driver_that_was_chosen_for_a_job_that_is_gone_is_there_for_the_
     world = World(pooled("one"))
     await world.run_the_first()
     world.create(pooled("two"))
-    world.api.fail("patch status", ApiError(404, "NotFound", "two is gone"))
+    world.api.fail("patch status", ApiError(404, "NotFound", '"two" not found'))
     del world.api.objects["jobs", "two"]
     with contextlib.suppress(ApiError):
         await world.visit("two", after=1)

@@ -549,6 +549,20 @@ async def test_a_deleted_schedule_is_left_to_the_garbage_collector() -> None:
     assert world.alarms.ring() == 0
 
 
+@pytest.mark.parametrize("call", ["get", "patch"])
+async def test_a_404_that_is_not_the_schedule_s_forgets_no_schedule(call: str) -> None:
+    """As of a proxy, or while the CRD is replaced."""
+    world = World()
+    world.api.fail(call, ApiError(404, "Unknown", "404 page not found"))
+    with pytest.raises(ApiError, match="404 page not found"):
+        await world.at(1)
+    assert world.view.schedule(UID) is not None
+    await world.at(1, 1)
+    assert world.names == [name_of(1)]
+    assert world.condition("OnTime") == ("True", "JobStarted")
+    assert world.events() == ["Normal/JobStarted"]
+
+
 async def test_a_conflict_is_read_again_and_nothing_is_made_twice() -> None:
     world = World()
     world.api.fail("patch", ApiError(409, "Conflict", "modified"))

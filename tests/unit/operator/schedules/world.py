@@ -103,7 +103,7 @@ class FakeApi:
     async def get(self, resource: str, namespace: str, name: str) -> Json:
         self._called(f"get {resource}")
         if name not in self.pods:
-            raise ApiError(404, "NotFound", f"{name} not found")
+            raise ApiError(404, "NotFound", f'"{name}" not found')
         return copy.deepcopy(self.pods[name])
 
     async def create_job(self, manifest: Json) -> Json:
@@ -152,7 +152,7 @@ class FakeApi:
 
     def _schedule(self) -> Json:
         if self.schedule is None:
-            raise ApiError(404, "NotFound", "nightly not found")
+            raise ApiError(404, "NotFound", '"nightly" not found')
         return self.schedule
 
     def _answers(self, call: str) -> None:

@@ -183,7 +183,7 @@ class Queueing:
         try:
             found = await self._api.get_workload(job.namespace, name)
         except ApiError as error:
-            if error.status != 404:
+            if not error.is_gone(name):
                 raise
             known = self._workloads.find(job.namespace, name)
             if known is not None:

@@ -43,7 +43,7 @@ async def find_last_passed(api: Api, job: JobView) -> Json:
     try:
         schedule = await api.get_schedule(job.namespace, name)
     except ApiError as error:
-        if error.status != 404:
+        if not error.is_gone(name):
             raise
         raise CannotCompareError(
             f"There is no SimulationSchedule {name} in namespace {job.namespace}, which"
@@ -94,7 +94,7 @@ class Handover:
         try:
             schedule = await self.api.get_schedule(job.namespace, name)
         except ApiError as error:
-            if error.status != 404:
+            if not error.is_gone(name):
                 raise
             return False
         kept = kept_run(readings.status(schedule.get("status")))

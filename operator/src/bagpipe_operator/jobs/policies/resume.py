@@ -30,7 +30,7 @@ async def find_earlier(api: Api, job: JobView, spec: SimulationJobSpec) -> Json:
     try:
         earlier = JobView.from_object(await api.get_job(job.namespace, name))
     except ApiError as error:
-        if error.status != 404:
+        if not error.is_gone(name):
             raise
         raise CannotResumeError(
             f"There is no SimulationJob {name} in namespace {job.namespace}, which"
