@@ -125,6 +125,32 @@ async def test_a_passing_fault_is_raised_and_leaves_no_mark(call: str, error: Ap
     assert world.status()["phase"] == "Pending"
 
 
+@pytest.mark.parametrize(
+    "error",
+    [
+        ApiError(504, "Timeout", "etcdserver: request timed out"),
+        ApiError(0, "Timeout", "no answer in time"),
+        ApiError(403, "Forbidden", "configmaps is forbidden"),
+    ],
+)
+@pytest.mark.parametrize("found", [True, False])
+async def test_a_configmap_that_can_t_be_read_is_no_refusal_of_a_creation(
+    error: ApiError, found: bool
+) -> None:
+    """No webhook is asked about what is only read."""
+    world = World()
+    if found:
+        world.api.fail("create configmaps", ApiError(409, "AlreadyExists", "it exists"))
+    else:
+        full = ApiError(403, "Forbidden", "exceeded quota: pods, used: pods=5")
+        world.api.fail("create pods", full)
+        await world.reconcile()
+    world.api.fail("get configmaps", error)
+    with pytest.raises(ApiError, match=error.message):
+        await world.reconcile(after=4)
+    assert "CreationRefused" not in str(world.status())
+
+
 async def test_an_event_that_can_not_be_written_stops_nothing() -> None:
     world = World()
     world.api.fail("create events", ApiError(403, "Forbidden", "exceeded quota: events"))

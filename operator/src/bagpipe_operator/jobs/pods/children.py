@@ -41,21 +41,16 @@ async def create_children(
     """
     check_allowed(spec, settings)
     config = job_config(job, spec, attempt, settings)
-    what = "an executor's pod"
-    try:
-        await _try_executor(api, executor_trial(job, spec, attempt, settings))
-        what = f"{names.driver_name(job.name, attempt)} or its ConfigMap"
-        made = await _find(api, job, "configmaps", config) if again else None
-        made = made or await _create_or_find(api, job, "configmaps", config)
-        if isinstance(made, Refusal):
-            return made
-        pod = driver_pod(job, spec, attempt, settings, config["metadata"]["name"], shape)
-        made = await _create_or_find(api, job, "pods", pod)
-    except ApiError as error:
-        refusal = _refusal_of(error, job, what)
-        if refusal is None:
-            raise
+    refusal = await _try_executor(api, job, executor_trial(job, spec, attempt, settings))
+    if refusal is not None:
         return refusal
+    what = f"{names.driver_name(job.name, attempt)} or its ConfigMap"
+    made = await _find(api, job, "configmaps", config) if again else None
+    made = made or await _create_or_find(api, job, "configmaps", config, what)
+    if isinstance(made, Refusal):
+        return made
+    pod = driver_pod(job, spec, attempt, settings, config["metadata"]["name"], shape)
+    made = await _create_or_find(api, job, "pods", pod, what)
     return made if isinstance(made, Refusal) else PodView.from_object(made)
 
 
@@ -73,23 +68,27 @@ def check_allowed(spec: SimulationJobSpec, settings: Settings) -> None:
         )
 
 
-async def _try_executor(api: Api, pod: Json) -> None:
+async def _try_executor(api: Api, job: JobView, pod: Json) -> Refusal | None:
     """Has an executor judged. A quota without room for one now may have some by then."""
     try:
         await api.try_create("pods", pod)
     except ApiError as error:
-        if not (error.quota_is_full or error.webhook_is_not_tried):
-            raise
+        if error.quota_is_full or error.webhook_is_not_tried:
+            return None
+        return _refused(error, job, "an executor's pod")
+    return None
 
 
-async def _create_or_find(api: Api, job: JobView, resource: str, manifest: Json) -> Json | Refusal:
-    """The object, or the refusal that its name is another's."""
+async def _create_or_find(
+    api: Api, job: JobView, resource: str, manifest: Json, what: str
+) -> Json | Refusal:
+    """The object, or the refusal of its creation, or that its name is another's."""
     name = manifest["metadata"]["name"]
     try:
         return await api.create(resource, manifest)
     except ApiError as error:
         if not error.name_is_taken:
-            raise
+            return _refused(error, job, what)
     # A former run of the operator made it and could not write so into the status.
     return _judged(job, manifest, await api.get(resource, job.namespace, name))
 
@@ -164,6 +163,14 @@ def _awaited(error: ApiError, what: str) -> str | None:
             f"hangs: {error.message} The job starts as soon as it does."
         )
     return None
+
+
+def _refused(error: ApiError, job: JobView, what: str) -> Refusal:
+    """The refusal that a creation's error means; raises the error where it may pass by itself."""
+    refusal = _refusal_of(error, job, what)
+    if refusal is None:
+        raise error
+    return refusal
 
 
 def _refusal_of(error: ApiError, job: JobView, what: str) -> Refusal | None:
