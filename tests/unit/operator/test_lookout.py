@@ -139,6 +139,23 @@ async def test_executors_that_may_not_be_created(error: ApiError, reason: str) -
     assert world.api.named("pods") == ["x-1-driver"]
 
 
+DOWN = ApiError(500, "InternalError", 'failed calling webhook "pods.example": no endpoints')
+HANGS = ApiError(504, "Timeout", "request did not complete within requested timeout")
+
+
+@pytest.mark.parametrize("error", [DOWN, HANGS, ApiError(0, "Timeout", "no answer in time")])
+async def test_a_webhook_that_does_not_answer_is_reported_and_ends_no_job(error: ApiError) -> None:
+    world = World()
+    await running_without_executors(world)
+    for _ in range(20):
+        world.api.fail("try pods", error)
+    for _ in range(20):
+        await world.reconcile(after=4)
+    assert world.reason("Running") == "False/ExecutorsRefused"
+    assert error.message in world.message("Running")
+    assert world.status()["phase"] == "Running"
+
+
 async def test_a_large_job_that_can_t_be_read_says_nothing_of_its_executors() -> None:
     world = World()
     await running_without_executors(world)

@@ -123,6 +123,8 @@ class Lookout:
         except UnusableSpecError:
             return []  # it is reported where the driver is created
         except ApiError as error:
+            if error.webhook_is_down or error.timed_out:
+                return [pending.unanswered_executor(job.name, job.namespace, error.message)]
             alone = not any(p.role == names.ROLE_EXECUTOR for p in pods)
             found = pending.refused_executor(
                 job.name, job.namespace, error.status, error.message, alone

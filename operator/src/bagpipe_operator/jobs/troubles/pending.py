@@ -131,3 +131,13 @@ def refused_executor(
         return None
     message = f"Namespace {namespace} refuses the executors' pods: {sentence(reported)}"
     return Trouble(reasons.EXECUTORS_REFUSED, pod, message, lasting=alone)
+
+
+def unanswered_executor(job: str, namespace: str, reported: str) -> Trouble:
+    """What it means that nobody answers the question: Spark's own creations wait as long."""
+    message = (
+        f"The API server gives no answer about executors' pods in namespace {namespace}, as where "
+        f"an admission webhook is down or hangs: {sentence(reported)} They start as soon as it "
+        "does."
+    )
+    return Trouble(reasons.EXECUTORS_REFUSED, f"{job}'s executors", message, lasting=False)
