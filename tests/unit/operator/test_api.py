@@ -70,13 +70,15 @@ async def test_the_calls() -> None:
         assert await api.events_of("lanes", "uid-of-p") == []
     options = {"apiVersion": "v1", "kind": "DeleteOptions", "preconditions": {"uid": "uid-of-p"}}
     plain, merge = "application/json", "application/merge-patch+json"
+    soon = "timeout=59500ms"
+    pod = f"/api/v1/namespaces/lanes/pods/p?{soon}"
     assert recorder.calls == [
-        ("POST", "/api/v1/namespaces/lanes/pods?timeout=59500ms", plain, manifest),
+        ("POST", f"/api/v1/namespaces/lanes/pods?{soon}", plain, manifest),
         ("GET", "/api/v1/namespaces/lanes/configmaps/x-1", None, None),
-        ("DELETE", "/api/v1/namespaces/lanes/pods/p", plain, options),
-        ("DELETE", "/api/v1/namespaces/lanes/pods/p", plain, options | {"gracePeriodSeconds": 10}),
+        ("DELETE", pod, plain, options),
+        ("DELETE", pod, plain, options | {"gracePeriodSeconds": 10}),
         ("GET", f"{JOBS}/namespaces/lanes/simulationjobs/x", None, None),
-        ("PATCH", f"{JOBS}/namespaces/lanes/simulationjobs/x/status", merge, patch),
+        ("PATCH", f"{JOBS}/namespaces/lanes/simulationjobs/x/status?{soon}", merge, patch),
         ("POST", "/api/v1/namespaces/lanes/pods?dryRun=All&timeout=59500ms", plain, manifest),
         (
             "GET",
@@ -120,9 +122,9 @@ async def test_the_calls_for_schedules() -> None:
     assert recorder.calls == [
         ("POST", f"{jobs}?timeout=59500ms", plain, manifest),
         ("GET", f"{jobs}?{selector}&limit=20", None, None),
-        ("DELETE", f"{jobs}/n-1", plain, options),
+        ("DELETE", f"{jobs}/n-1?timeout=59500ms", plain, options),
         ("GET", one, None, None),
-        ("PATCH", f"{one}/status", merge, patch),
+        ("PATCH", f"{one}/status?timeout=59500ms", merge, patch),
     ]
 
 
@@ -208,8 +210,11 @@ async def test_the_api_server_gives_up_a_webhook_before_we_give_up_the_api_serve
         await api.create("pods", manifest)
         await api.create_job(manifest)
         await api.create_workload(manifest)
+        await api.patch_status("lanes", "x", {})
+        await api.delete_pod("lanes", "x", "uid-of-x")
+        await api.delete_unchanged_job("lanes", "x", "uid-of-x", "7")
     queries = [call[1].partition("?")[2] for call in recorder.calls]
-    assert queries == [dry_run, dry_run, create, create, create]
+    assert queries == [dry_run, dry_run, *[create] * 6]
 
 
 async def test_nobody_there() -> None:

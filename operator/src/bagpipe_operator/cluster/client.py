@@ -188,7 +188,8 @@ class KubernetesApi:
             # Its pods and ConfigMaps are the garbage collector's.
             "propagationPolicy": "Background",
         }
-        await self._call("DELETE", self._job_path(namespace, name), options)
+        path = self._job_path(namespace, name)
+        await self._call("DELETE", f"{path}?{self._until()}", options)
 
     async def patch_status(
         self,
@@ -294,10 +295,13 @@ class KubernetesApi:
         below = f"/apis/{names.API_VERSION}/namespaces/{namespace}/{plural}"
         return f"{below}/{name}" if name else below
 
+    def _until(self) -> str:
+        """The query by which the API server gives up a write before we do, or may write no more."""
+        return _given_up_after(min(self._deadline, self._writes_for()))
+
     async def _create(self, path: str, manifest: Json) -> Json:
         """Creates an object in the collection at a path; the object as it is then."""
-        query = _given_up_after(min(self._deadline, self._writes_for()))
-        return await self._call("POST", f"{path}?{query}", manifest)
+        return await self._call("POST", f"{path}?{self._until()}", manifest)
 
     async def _try(self, path: str, manifest: Json) -> None:
         """Has an object judged as if it were created in the collection at a path."""
@@ -307,14 +311,15 @@ class KubernetesApi:
     async def _patch_status(self, path: str, patch: Json) -> Json:
         """Merges into the status of the object at a path; the object as it is afterwards."""
         content_type = "application/merge-patch+json"
-        return await self._call("PATCH", f"{path}/status", patch, content_type=content_type)
+        path = f"{path}/status?{self._until()}"
+        return await self._call("PATCH", path, patch, content_type=content_type)
 
     async def _delete(self, path: str, uid: str, more: Json | None = None) -> bool:
         """Deletes what is at a path if it has that UID; whether there was something to delete."""
         options = {"apiVersion": "v1", "kind": "DeleteOptions", "preconditions": {"uid": uid}}
         options |= more or {}
         try:
-            await self._call("DELETE", path, options)
+            await self._call("DELETE", f"{path}?{self._until()}", options)
         except ApiError as error:
             # 409: another object has taken the name. Either way this one is gone.
             if error.status != 409 and not error.is_gone(path.rpartition("/")[2]):

@@ -103,7 +103,7 @@ def test_a_kill_after_the_end_was_written_and_before_it_was_reported_is_made_up_
     keys: Path,
 ) -> None:  # fmt: skip
     with receiver_server() as (url, server):
-        dying = {dying_operator.DIES: 'after PATCH .*/status .*"state": "Pending"'}
+        dying = {dying_operator.DIES: 'after PATCH .*/status\\S* .*"state": "Pending"'}
         first = operator_process(start=False, **settings(keys, url, namespace), **dying)
         first.server.command[-1:] = dying_operator.PROGRAM
         first.start()

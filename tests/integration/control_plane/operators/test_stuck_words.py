@@ -197,8 +197,8 @@ def own_events(admin: Client, namespace: str) -> Counter[str]:
 @pytest.mark.parametrize(
     "dies",
     [
-        'before PATCH \\S+/status .*"reason": "{}"',
-        'after PATCH \\S+/status .*"reason": "{}"',
+        'before PATCH \\S+/status\\S* .*"reason": "{}"',
+        'after PATCH \\S+/status\\S* .*"reason": "{}"',
         'after POST \\S+/events\\S* .*"reason": "{}"',
     ],
     ids=["before its status", "before its Event", "after its Event"],
