@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from bagpipe.driver import journal as journal_module
 from bagpipe.driver import keep
 from bagpipe.driver.earlier import CannotResumeError, passed_rows
 from bagpipe.driver.journal import Journal
@@ -166,6 +167,32 @@ def test_rows_of_a_large_job_are_journaled_as_they_are_taken_over(
         assert [row["case"] for row in journal.rows()] == list("abcd")
         keeper.finish(threading.Event())
     assert [row["case"] for row in journal.rows()] == list("abcde")
+
+
+def test_what_was_kept_of_many_rows_is_not_written_again_where_the_rest_fails(
+    world: World, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A volume that is filling would fill with the same rows again and again."""
+    journal, append = Journal(world.storage, FOLDER, 1), Journal.append
+    monkeypatch.setattr(journal_module, "_SEGMENT_BYTES", 1)
+    room = [2, 1, 2]
+
+    def filling(mine: Journal, rows: list[Row]) -> int:
+        if room[0] == 0:
+            del room[0]
+            raise StorageError("no space left")
+        room[0] -= 1
+        return append(mine, rows)
+
+    monkeypatch.setattr(Journal, "append", filling)
+    with RowFile(tmp_path / "rows") as rows:
+        keeper = Keeper(Progress(FOLDER), rows, journal)
+        keeper.take([ran(name) for name in "abcde"])
+        pause = threading.Event()
+        pause.set()
+        keeper.finish(pause)
+    assert room == [0]
+    assert [row["case"] for row in Journal(world.storage, FOLDER, 2).rows()] == list("abcde")
 
 
 FAILED = ran("a", "failed", reason="CriterionFailed")

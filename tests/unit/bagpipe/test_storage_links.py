@@ -4,6 +4,9 @@ import contextlib
 import errno
 import glob
 import os
+import subprocess
+import sys
+import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -184,16 +187,36 @@ def test_a_folder_that_can_t_be_listed_is_no_empty_one(
         assert storage.expand("pvc://r/w*/*.bag") == ["pvc://r/wed/a.bag", "pvc://r/wed/b.bag"]
 
 
-@pytest.mark.parametrize("pattern", ["*/*.bag", "**/*.bag"])
+@pytest.mark.parametrize(
+    ("pattern", "found"),
+    [
+        ("*/*.bag", ["mon/a.bag"]), ("**/*.bag", ["mon/a.bag", "mon/r/a.bag"]),
+        ("*/a.bag", ["mon/a.bag"]), ("**/a.bag", ["mon/a.bag", "mon/r/a.bag"]),
+        ("*", []), ("**", ["mon/a.bag", "mon/r/a.bag"]), ("*/r/*.bag", ["mon/r/a.bag"]),
+        ("**/r/*.bag", ["mon/r/a.bag"]), ("*/r/**/*.bag", ["mon/r/a.bag"]),
+    ],
+)  # fmt: skip
 def test_what_the_file_system_keeps_for_itself_has_no_recordings(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, pattern: str
+    pattern: str, found: list[str]
 ) -> None:
-    """At the root of most volumes, and root's alone."""
-    for name in ("lost+found", "mon"):
-        (tmp_path / name).mkdir()
-    (tmp_path / "mon" / "a.bag").write_text("a recording")
-    Listing(monkeypatch, "lost+found", errno.EACCES, 0)
-    assert Storage({"r": str(tmp_path)}).expand(f"pvc://r/{pattern}") == ["pvc://r/mon/a.bag"]
+    """At the root of most volumes, and root's alone: by a process that is not root."""
+    asked = (
+        "import os, sys; from bagpipe.storage import Storage\n"
+        "if os.getuid() == 0: os.setgid(65534); os.setuid(65534)\n"
+        "print(*Storage({'r': sys.argv[1]}).expand(f'pvc://r/{sys.argv[2]}'), sep='\\n')"
+    )
+    # Not below pytest's own folder, which is its user's alone.
+    with tempfile.TemporaryDirectory() as volume:
+        for name in ("lost+found", "mon/r"):
+            Path(volume, name).mkdir(parents=True)
+        for name in ("mon/a.bag", "mon/r/a.bag"):
+            Path(volume, name).write_text("a recording")
+        Path(volume, "lost+found").chmod(0o000)
+        Path(volume).chmod(0o755)
+        command = [sys.executable, "-c", asked, volume, pattern]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.split() == [f"pvc://r/{name}" for name in found]
 
 
 @pytest.mark.parametrize("pattern", ["*/a.bag", "*/*.bag", "**/*.bag", "m*/**"])

@@ -1,6 +1,7 @@
 """The combinations of a matrix, their rules and their samples."""
 
 import itertools
+import math
 from collections import Counter
 
 import pytest
@@ -35,7 +36,12 @@ def test_all_combinations_in_the_order_in_which_they_are_written() -> None:
             [0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0],
         ),
         ({"from": 1, "to": 2.5}, [1, 2]),
-        ({"from": 0, "to": 1, "step": 1 / 3}, [0.0, 1 / 3, 0.6666666666666666, 1.0]),
+        ({"from": 0, "to": 1, "step": 1 / 3}, [0.0, 0.333333333333, 0.666666666667, 1.0]),
+        (
+            {"from": -math.pi, "to": math.pi, "step": math.pi / 2},
+            [-3.14159265359, -1.57079632679, 0.0, 1.57079632679, 3.14159265359],
+        ),
+        ({"from": 10**30, "to": 10**30 + 2}, [10**30, 10**30 + 1, 10**30 + 2]),
         (
             {"from": 1700000000.0, "to": 1700000000.02, "step": 0.004},
             [1700000000 + n / 1000 for n in (0, 4, 8, 12, 16, 20)],

@@ -184,3 +184,15 @@ async def test_a_job_that_waits_no_more_since_kueue_is_off_was_admitted_by_nobod
 
     assert world.reason("Suspended") == "False/JobResumed"
     assert world.api.named("pods") == ["x-1-driver"]
+
+
+async def test_a_404_that_is_not_the_workload_s_own_keeps_no_place_for_good() -> None:
+    """As of a proxy, or while its CRD is not served: what others wait for would never come."""
+    world = await running()
+    stray = ApiError(404, "", "404 page not found")
+    world.api.fail("patch workload", stray)
+    world.deliver(make_driver("x").ended(0, account("Complete", verdict="Passed")))
+    with pytest.raises(ApiError, match="page not found"):
+        await world.reconcile()
+    await world.reconcile()
+    assert world.condition("Finished") == "True/Succeeded"

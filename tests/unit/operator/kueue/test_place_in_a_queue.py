@@ -326,12 +326,18 @@ async def test_a_workload_that_was_written_meanwhile_is_read_and_patched_again()
     assert await place.settled(done) == ["patch workload"]
 
 
-@pytest.mark.parametrize(("status", "known"), [(404, False), (500, True)])
-async def test_a_workload_that_is_gone_receives_nothing_more(status: int, known: bool) -> None:
+@pytest.mark.parametrize(
+    ("status", "reason", "known"),
+    [(404, "NotFound", False), (404, "", True), (500, "InternalError", True)],
+)
+async def test_a_workload_that_is_gone_receives_nothing_more(
+    status: int, reason: str, known: bool
+) -> None:
     place = await queued()
     place.report(ADMITTED)
-    place.api.fail("patch workload", ApiError(status, "", "no"))
-    with pytest.raises(ApiError, match="no"):
+    error = ApiError(status, reason, f'workloads.kueue.x-k8s.io "{place.name}" not found')
+    place.api.fail("patch workload", error)
+    with pytest.raises(ApiError, match="not found"):
         await place.settled(in_state(condition("Complete")))
     assert place.api.calls == ["patch workload"]
     assert (place.workloads.find("lanes", place.name) is not None) is known

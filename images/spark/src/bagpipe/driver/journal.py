@@ -7,7 +7,6 @@ at all and its name is one driver's own, so that two drivers can never write the
 import json
 import posixpath
 import uuid
-from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
@@ -41,20 +40,23 @@ class Journal:
             ):
                 yield read_row(line, uri, number)
 
-    def append(self, rows: Sequence[Row]) -> None:
-        """Write the rows as segments of their own. Raises StorageError, and can be tried again: of
-        rows that are there twice one counts.
+    def append(self, rows: Sequence[Row]) -> int:
+        """Write the first of the rows as a segment of their own; how many these are.
+
+        Raises StorageError, and can be tried again.
         """
-        lines = deque(json.dumps(row).encode() + b"\n" for row in rows)
-        while lines:
-            # Also for another try: a write that was given up may still come, over what is new.
-            name = f"{self.attempt:04d}-{self.driver}-{self._written:06d}.jsonl"
-            self._written += 1
-            with self.storage.create(self._uri(name)) as file:
-                written = 0
-                while lines and (not written or written + len(lines[0]) <= _SEGMENT_BYTES):
-                    written += len(lines[0])
-                    file.write(lines.popleft())
+        # Also for another try: a write that was given up may still come, over what is new.
+        name = f"{self.attempt:04d}-{self.driver}-{self._written:06d}.jsonl"
+        self._written += 1
+        written = kept = 0
+        with self.storage.create(self._uri(name)) as file:
+            for row in rows:
+                line = json.dumps(row).encode() + b"\n"
+                if kept and written + len(line) > _SEGMENT_BYTES:
+                    break
+                file.write(line)
+                written, kept = written + len(line), kept + 1
+        return kept
 
     def is_empty(self) -> bool:
         """Whether no segment was ever written, or all were removed. Raises StorageError."""

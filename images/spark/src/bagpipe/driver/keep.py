@@ -166,7 +166,9 @@ class Keeper:
     def _flush(self, now: float) -> None:
         self._flushed = now
         try:
-            self.journal.append(self._unwritten)
+            while self._unwritten:
+                # What is kept is not written again, where a later segment fails.
+                del self._unwritten[: self.journal.append(self._unwritten)]
         except StorageError as error:
             self._failing_since = now if self._failing_since is None else self._failing_since
             waited = now - self._failing_since
@@ -175,7 +177,6 @@ class Keeper:
             if waited >= PATIENCE_SECONDS:
                 self._give_up(f"{error}; it was tried for {waited:.0f} s")
             return
-        self._unwritten = []
         self._failing_since = None
         self.progress.warn("")
 

@@ -69,14 +69,20 @@ def values_of(variable: Variable) -> list[Scalar]:
 
 def _numbers(span: Span) -> list[Scalar]:
     """Integers stay integers; all else is reckoned in decimals, as it is written: steps of 0.1 have
-    no exact floats. The last value is met although a third of it has no exact decimals either.
+    no exact floats. A third has no exact decimals either: what is as near to a number of twelve
+    digits, or to 0, as makes no difference is that.
     """
+    if isinstance(span.first, int) and isinstance(span.step, int):
+        return list(range(span.first, math.floor(span.last) + 1, span.step))
     first, last, step = (Decimal(repr(n)) for n in (span.first, span.last, span.step))
     near = _NEAR * step
-    numbers = [first + index * step for index in range(int((last + near - first) / step) + 1)]
-    if all(isinstance(n, int) for n in (span.first, span.step)):
-        return [int(number) for number in numbers]
-    return [float(last if abs(number - last) <= near else number) for number in numbers]
+    count = int((last + near - first) / step) + 1
+    return [_float(first + index * step, near) for index in range(count)]
+
+
+def _float(number: Decimal, near: Decimal) -> float:
+    short = Decimal(f"{number:.12g}") if abs(number) > near else Decimal(0)
+    return float(short if abs(short - number) <= near else number)
 
 
 def expand(matrix: Matrix) -> Expansion:

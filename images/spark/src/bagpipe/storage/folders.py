@@ -64,18 +64,21 @@ def _fitting(folder: str, part: str, folders_alone: bool) -> Iterator[str]:
 
 
 def _listed(folder: str) -> list[os.DirEntry[str]]:
-    """What is in a folder, by name; nothing where there is none. Raises OSError."""
+    """What is in a folder, by name, but for what the file system keeps for itself; nothing where
+    there is no folder. Raises OSError.
+    """
     try:
         with os.scandir(folder or "/") as entries:
-            return sorted(entries, key=lambda entry: entry.name)
-    except PermissionError:
-        if os.path.basename(folder) == _OF_THE_VOLUME:  # noqa: PTH119  a string as all here
-            return []
-        raise
+            own = (entry for entry in entries if not _is_of_the_volume(entry))
+            return sorted(own, key=lambda entry: entry.name)
     except OSError as error:
         if error.errno in _NOTHING:
             return []
         raise
+
+
+def _is_of_the_volume(entry: os.DirEntry[str]) -> bool:
+    return entry.name == _OF_THE_VOLUME and not os.access(entry.path, os.R_OK | os.X_OK)
 
 
 def _is_folder(entry: os.DirEntry[str]) -> bool:

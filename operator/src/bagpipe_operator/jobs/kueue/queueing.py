@@ -249,7 +249,7 @@ class Queueing:
         try:
             written = await self._api.patch_workload_status(seen.namespace, seen.name, patch)
         except ApiError as error:
-            if error.status == 404:
+            if error.is_gone(seen.name):
                 self._workloads.drop(seen)
             elif error.status == 409:
                 found = await self._api.get_workload(seen.namespace, seen.name)
