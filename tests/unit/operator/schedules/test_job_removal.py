@@ -182,7 +182,7 @@ def test_many_old_jobs_that_go_slowly_are_no_failure() -> None:
             await delete(*of)
 
         operator.world.api.delete_job = slow  # type: ignore[method-assign]
-        await operator.run(3.75)
+        await operator.run(5)
         return len(operator.world.api.jobs)
 
     # Fourteen visits of 15 s: with pauses that grow there would be many left.
