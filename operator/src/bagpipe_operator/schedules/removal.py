@@ -75,9 +75,6 @@ class JobRemoval:
                 error = await self._some_of(uid, decision.surplus)
         except TimeoutError:
             error = ApiError(0, TIMEOUT, "jobs are still being deleted")
-            left = {job.uid for job in self.view.jobs(uid)}
-            if any(job.uid not in left for job in decision.surplus):
-                self._failures.pop(uid, None)  # it goes on, and takes longer than one visit
         if error is None:
             self.forget(uid)
             return None

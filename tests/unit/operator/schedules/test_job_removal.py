@@ -165,25 +165,3 @@ def test_the_next_run_waits_for_no_pause_after_refusals() -> None:
     made = virtual_time.run(runs())
     assert list(made) == [name_of(20)]
     assert made[name_of(20)] <= 1
-
-
-def test_many_old_jobs_that_go_slowly_are_no_failure() -> None:
-    """Of each visit's time one is over before all are deleted: no pause grows by that."""
-
-    async def left() -> int:
-        operator = Operator(successfulJobsHistoryLimit=0, schedule="0 0 * * *")
-        jobs = [name_of(count) for count in range(200)]
-        for name in jobs:
-            operator.world.api.jobs[name] = make_job(name, "Complete")
-        delete = operator.world.api.delete_job
-
-        async def slow(*of: str) -> None:
-            await asyncio.sleep(1)
-            await delete(*of)
-
-        operator.world.api.delete_job = slow  # type: ignore[method-assign]
-        await operator.run(5)
-        return len(operator.world.api.jobs)
-
-    # Fourteen visits of 15 s: with pauses that grow there would be many left.
-    assert virtual_time.run(left()) == 0
