@@ -7,7 +7,7 @@ import pytest
 
 from bagpipe.evaluate.evidence import Evidence
 from bagpipe.evaluate.finding import NoEvidenceError
-from bagpipe.evaluate.matching import Matched, Pair, matched
+from bagpipe.evaluate.matching import Matched, Pair, matched, usual_step
 from bagpipe.evaluate.model import Error
 from tests.unit.evaluate.recordings import evidence, number, stamped
 
@@ -101,6 +101,41 @@ def test_what_lies_in_a_gap_keeps_no_later_answer_from_its_pair() -> None:
 def test_of_two_samples_their_own_step_is_usual() -> None:
     found = brought(evidence([*truth((10, 0), (11, 0)), answer(10.5, 7)]))
     assert found.strays == [pair(10.5, 0, 7)]
+
+
+@pytest.mark.parametrize("apart", [0.0, 0.001, 0.02])
+@pytest.mark.parametrize("times", [2, 3])
+def test_a_truth_that_is_published_again_makes_no_gap_of_its_usual_step(
+    times: int, apart: float
+) -> None:
+    again = [(10.0 + n + each * apart, 0.0) for n in range(4) for each in range(times)]
+    found = brought(evidence([*truth(*again), answer(11.5, 7)]))
+    assert [each.distance for each in found.strays] == [7.0]
+
+
+@pytest.mark.parametrize("tolerance", ["1ms", "50ms", "1s"])
+def test_a_fast_truth_that_is_away_for_long_has_been_anywhere(tolerance: str) -> None:
+    """A loop through a tunnel: most of the time, or once, between many samples near together."""
+    for away in (13.0, 18.0):
+        fast = [(10 + n / 100, 0.0) for n in range(50)] + [(away, 0.0), (away + 0.01, 0.0)]
+        sent = [("/truth", 10.1 + n / 100, stamped(*at, 0.0)) for n, at in enumerate(fast)]
+        found = brought(evidence([*sent, answer(11.7, 50)]), stampTolerance=tolerance)
+        assert found.strays == [], away
+
+
+@pytest.mark.parametrize(
+    ("times", "step"),
+    [
+        ([5], 0),
+        ([5, 5], 0),
+        ([0, 100], 100),
+        ([0, 0, 100, 100, 200, 200], 100),
+        ([0, 40, 80, 120, 160], 40),  # nearer together than the tolerance, and still no repeats
+        ([0, 20, 40, 60, 500], 60),
+    ],
+)
+def test_the_usual_step_is_one_between_samples_that_are_apart(times: list[int], step: int) -> None:
+    assert usual_step(times, 50) == step
 
 
 def test_stamps_that_can_t_be_are_believed_only_if_the_recording_has_such() -> None:

@@ -1,11 +1,10 @@
 """Answers and the truth's samples, brought together by their times."""
 
 import bisect
-import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from statistics import median
+from statistics import median_low
 
 from bagpipe.evaluate.evidence import Evidence, Sample
 from bagpipe.evaluate.fields import no_number, number_at, turned
@@ -16,6 +15,9 @@ from bagpipe.texts import duration_nanoseconds
 
 # In a gap of the truth, of so many usual steps or more, it may have been anywhere.
 _GAP = 3
+
+# When it was received, its time by the answers' clock, and the numbers of its fields.
+_Answer = tuple[int, int, list[float]]
 
 
 @dataclass(frozen=True)
@@ -55,8 +57,8 @@ def matched(name: str, wanted: Error, evidence: Evidence) -> Matched:
     apart = frames_differ(answers, truth, wanted.topic, wanted.truth or "the truth")
     if apart and not wanted.any_frame:
         raise NoEvidenceError(apart)
-    stamped = bool(found.fault and wanted.recording) and _of_another_clock(truth, evidence, most)
-    if found.fault and not stamped:
+    foreign = wanted.recording and _of_another_clock(truth, evidence, most)
+    if found.fault and not foreign:
         raise NoEvidenceError(found.fault)
     numbers = [[(each.time, number_at(each.message, f)) for f in wanted.fields] for each in answers]
     odd = no_number(
@@ -64,29 +66,54 @@ def matched(name: str, wanted: Error, evidence: Evidence) -> Matched:
         (value for values in numbers for value in values), evidence.start,
     )  # fmt: skip
     times, order = [_when(each) for each in truth], [_when(each) for each in answers]
+    given = [
+        (sample.time, at, [value for _, value in values])
+        for sample, at, values in zip(answers, order, numbers, strict=True)
+    ]
+    pairs, strays = ([], []) if odd else _compared(wanted, truth, times, given)
+    ordered = sorted(order)
+    near = [abs(ordered[_nearest(ordered, time)] - time) <= most for time in times]
+    clock: Clock = "header" if found.fault else found.clock
+    return Matched(pairs, len(answers), times, near, clock, odd, strays)
+
+
+def _compared(
+    wanted: Error, truth: list[Sample], times: list[int], given: list[_Answer]
+) -> tuple[list[Pair], list[Pair]]:
+    """The pairs, and what strays between the truth's samples."""
+    most = duration_nanoseconds(wanted.stamp_tolerance)
     fields = wanted.truth_fields or wanted.fields
     true = [[number_at(each.message, path) for path in fields] for each in truth]
-    widest = _GAP * median(b - a for a, b in itertools.pairwise(times)) if len(times) > 1 else 0
+    widest = _GAP * usual_step(times, most)
     pairs, strays = [], []
-    for sample, at, values in zip(answers, order, numbers, strict=True):
-        if odd:
-            break
+    for received, at, answer in given:
         nearest = _nearest(times, at)
-        answer = [value for _, value in values]
         if abs(times[nearest] - at) <= most:
             distance = _distance(answer, true[nearest], angle=wanted.angle)
-            pairs.append(Pair(sample.time, at, nearest, distance))
+            pairs.append(Pair(received, at, nearest, distance))
         elif times[0] < at < times[-1]:
             after = bisect.bisect_left(times, at)
             if times[after] - times[after - 1] > widest:
                 continue
             distance = _beyond(answer, true[after - 1], true[after], angle=wanted.angle)
             if distance > 0:
-                strays.append(Pair(sample.time, at, nearest, distance))
-    ordered = sorted(order)
-    near = [abs(ordered[_nearest(ordered, time)] - time) <= most for time in times]
-    clock: Clock = "header" if stamped else found.clock
-    return Matched(pairs, len(answers), times, near, clock, odd, strays)
+                strays.append(Pair(received, at, nearest, distance))
+    return pairs, strays
+
+
+def usual_step(times: list[int], most: int) -> int:
+    """The usual time between two of the truth's samples, in ns; 0 for fewer than two.
+
+    A sample that is published again, or by a second source at about the same time (within `most`
+    and half the mean step), is no step: else an answer between two others would lie in a gap.
+    """
+    apart = min(most, (times[-1] - times[0]) // max(1, 2 * (len(times) - 1)))
+    steps, last = [], times[0]
+    for time in times:
+        if time - last > apart:
+            steps.append(time - last)
+            last = time
+    return median_low(steps) if steps else 0
 
 
 def _distance(one: Sequence[float], other: Sequence[float], *, angle: bool) -> float:
