@@ -63,7 +63,8 @@ SOURCE = [("/p", 11.0, stamped(10.75, 1.0, 4.0)), ("/p", 12.0, stamped(11.5, 1.0
             "/p, distance from the goal", None, 1.0, [[1.0, 5.0], [2.0, 10.0]],
         ),
         (
-            "error", {"topic": "/p", "fields": ["pose.position.x"], "recording": True, "max": 1},
+            "error", {"topic": "/p", "fields": ["pose.position.x"], "recording": True, "max": 1,
+                      "minCoverage": 0.5},
             "/p pose.position.x off the truth", None, 1.0, [[1.0, 2.0], [2.0, 5.0]],
         ),
         (

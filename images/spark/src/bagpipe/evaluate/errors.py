@@ -2,29 +2,43 @@
 
 import math
 from collections import defaultdict
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 from bagpipe.evaluate.evidence import Evidence, Sample
 from bagpipe.evaluate.fields import no_number, turned, yaw_of
 from bagpipe.evaluate.finding import Finding, NoEvidenceError, covering
 from bagpipe.evaluate.limits import bounded, of_all_bounds
-from bagpipe.evaluate.matching import Matched, Pair, matched
+from bagpipe.evaluate.matching import Matched, Pair, matched, usual_step
 from bagpipe.evaluate.model import Error, FinalPose
-from bagpipe.evaluate.window import TopicMessages, messages_of, samples
+from bagpipe.evaluate.window import TopicMessages, messages_of, samples, spread
+from bagpipe.texts import duration_nanoseconds
 
 # Fewer pairs are no evidence of the errors over time; one pair is enough for the last error.
 _LEAST_PAIRS = 2
 # How far the length of a heading's quaternion may be from 1.
 _QUATERNION = 0.1
+# Of fewer steps between a truth's samples none is the usual one.
+_LEAST_STEPS = 2
+_OF_A_FAR_ANSWER = "raise `stampTolerance` if the stamps are further apart, or lower minCoverage"
+_OF_A_SPARSE_TRUTH = (
+    "the truth must be there throughout; of one that is sparse on purpose lower minCoverage"
+)
+
+
+class _Covered(NamedTuple):
+    share: float
+    words: str
+    remedy: str = _OF_A_FAR_ANSWER
 
 
 def error(name: str, wanted: Error, evidence: Evidence) -> Finding:
     """RMSE, greatest or last distance. Raises NoEvidenceError where too little can be compared."""
     found = matched(name, wanted, evidence)
     evidence.keep(wanted, found)
-    share, covered = _coverage(wanted, found)
+    covered = _coverage(wanted, found, evidence)
     if found.odd is not None:
-        return covering(found.odd, share, covered, found.clock, 0.0)
+        return covering(found.odd, covered.share, covered.words, found.clock, 0.0)
     if len(found.pairs) < (1 if wanted.metric == "final" else _LEAST_PAIRS):
         raise NoEvidenceError(
             f"{len(found.pairs)} of {found.answers} messages on {wanted.topic} have a truth within"
@@ -36,15 +50,23 @@ def error(name: str, wanted: Error, evidence: Evidence) -> Finding:
         wanted.max,
         f"{wanted.metric} over {len(found.pairs)} pairs of {wanted.topic}{_astray(found)}",
     )
-    return covering(
+    finding = covering(
         finding,
-        share,
-        covered,
+        covered.share,
+        covered.words,
         found.clock,
         wanted.min_coverage,
         lasting=wanted.metric == "max",
-        remedy="raise `stampTolerance` if the stamps are further apart, or lower minCoverage",
+        remedy=covered.remedy,
     )
+    times = {found.truth_times[pair.truth] for pair in found.pairs}
+    if wanted.metric == "final" or len(times) >= _LEAST_PAIRS or finding.outcome != "passed":
+        return finding
+    message = (
+        f"all {len(found.pairs)} pairs are with the truth at one time, and {wanted.metric} needs"
+        f" two: of a truth that comes once write `metric: final`; {finding.message}"
+    )
+    return replace(finding, outcome="invalid", message=message)
 
 
 def _figure(wanted: Error, found: Matched) -> float:
@@ -75,17 +97,49 @@ def _rms(values: list[float]) -> float:
     return math.hypot(*values) / math.sqrt(len(values))
 
 
-def _coverage(wanted: Error, found: Matched) -> tuple[float, str]:
+def _coverage(wanted: Error, found: Matched, evidence: Evidence) -> _Covered:
+    """The truth's samples that are answered, or the window that has a truth: whichever is less."""
     of_truth = len(found.truth_times)
     if wanted.metric == "final":
         last = max((at + 1 for at, near in enumerate(found.answered) if near), default=0)
-        return last / of_truth, f"the end: the last answer is at sample {last} of {of_truth}"
-    near = sum(found.answered)
-    covered = (
-        f"{near} of {of_truth} samples of the truth, which have an answer within"
-        f" {wanted.stamp_tolerance}"
-    )
-    return near / of_truth, covered
+        words = f"the end: the last answer is at sample {last} of {of_truth}"
+        answered = _Covered(last / of_truth, words)
+    else:
+        last, near = of_truth, sum(found.answered)
+        words = f"{near} of {of_truth} samples of the truth, which have an answer within"
+        answered = _Covered(near / of_truth, f"{words} {wanted.stamp_tolerance}")
+    if found.there is None or last == 0:
+        return answered
+    share = _truth_over_window(wanted, found.truth_times[:last], found.there[:last], evidence)
+    if share >= answered.share:
+        return answered
+    words = f"the window up to sample {last} of {of_truth} of the truth, the last that is answered"
+    if wanted.metric != "final":
+        of_times = len(set(found.truth_times))
+        words = f"a truth at {of_times} times without a longer silence in {share:.0%} of the window"
+    return _Covered(share, words, _OF_A_SPARSE_TRUTH)
+
+
+def _truth_over_window(
+    wanted: Error, times: list[int], there: list[int], evidence: Evidence
+) -> float:
+    """The share of the window that has a truth; with `final` how far into it the last one is."""
+    # A truth whose stamps stand still is one sample, however often it comes.
+    first = dict(reversed(list(zip(times, there, strict=True))))
+    step = usual_step(times, duration_nanoseconds(wanted.stamp_tolerance))
+    usual = step if len(first) > _LEAST_STEPS else 0
+    if wanted.metric != "final":
+        return spread(first.values(), evidence, wanted.min_coverage, usual)
+    return _share_until(min(evidence.end, first[times[-1]] + usual), evidence, wanted.min_coverage)
+
+
+def _share_until(at: int, evidence: Evidence, least: float) -> float:
+    """How much of the window had passed; below `least`, of the time in which inputs came."""
+    share = 1.0 - (evidence.end - at) / max(1, evidence.end - evidence.start)
+    if share < least:
+        silent = evidence.input_time_between(at, evidence.end)
+        share = 1.0 - silent / max(1, evidence.input_time_between(evidence.start, evidence.end))
+    return min(1.0, max(0.0, share))
 
 
 def distances_of(wanted: Error, evidence: Evidence) -> list[tuple[int, float]]:
@@ -106,13 +160,9 @@ def final_pose(name: str, wanted: FinalPose, evidence: Evidence) -> Finding:
         )
     finding = _pose_odd(name, wanted, pose, at, evidence) or _off(name, wanted, pose)
     # Latched or not: a goal that was published before the first input is no place that was reached.
-    share = 1.0 - (evidence.end - at) / max(1, evidence.end - evidence.start)
-    if share < wanted.min_coverage:
-        silent = evidence.input_time_between(at, evidence.end)
-        share = 1.0 - silent / max(1, evidence.input_time_between(evidence.start, evidence.end))
     return covering(
         finding,
-        min(1.0, max(0.0, share)),
+        _share_until(at, evidence, wanted.min_coverage),
         f"the pose at {(at - evidence.start) / 1e9:.3f} s of {evidence.seconds:.3f} s",
         found.clock,
         wanted.min_coverage,

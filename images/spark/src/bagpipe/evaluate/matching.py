@@ -46,6 +46,8 @@ class Matched:
     clock: Clock
     odd: Finding | None = None
     strays: list[Pair] = field(default_factory=list)
+    # When the truth was there, sample by sample, as the window counts; None where nothing says so.
+    there: list[int] | None = None
 
 
 def matched(name: str, wanted: Error, evidence: Evidence) -> Matched:
@@ -74,7 +76,8 @@ def matched(name: str, wanted: Error, evidence: Evidence) -> Matched:
     ordered = sorted(order)
     near = [abs(ordered[_nearest(ordered, time)] - time) <= most for time in times]
     clock: Clock = "header" if found.fault else found.clock
-    return Matched(pairs, len(answers), times, near, clock, odd, strays)
+    there = _there(wanted, truth, times, evidence, foreign=foreign)
+    return Matched(pairs, len(answers), times, near, clock, odd, strays, there)
 
 
 def _compared(
@@ -99,6 +102,16 @@ def _compared(
             if distance > 0:
                 strays.append(Pair(received, at, nearest, distance))
     return pairs, strays
+
+
+def _there(
+    wanted: Error, truth: list[Sample], times: list[int], evidence: Evidence, *, foreign: bool
+) -> list[int] | None:
+    if foreign:
+        return [each.time for each in truth]
+    # In mode max the receipt of what the stack publishes shows no time of the window.
+    unknown = not evidence.paced and not wanted.recording
+    return None if unknown and any(each.stamp is None for each in truth) else times
 
 
 def usual_step(times: list[int], most: int) -> int:
