@@ -184,6 +184,22 @@ def test_a_heading_without_a_direction_is_no_evidence() -> None:
     assert "its quaternion has the length 0 and not 1" in finding.message
 
 
+@pytest.mark.parametrize("length", [0.91, 1.0, 1.09])
+@pytest.mark.parametrize(("yaw", "roll", "pitch"), [(1.57, 0, 0), (1.39, 0, 0), (-2.9, 0.3, 0.2)])
+def test_a_heading_is_that_of_its_quaternion_however_long_it_is(
+    length: float, yaw: float, roll: float, pitch: float
+) -> None:
+    last = answer(14.9)
+    turn = last[2].pose.orientation
+    sy, cy, sp, cp = math.sin(yaw / 2), math.cos(yaw / 2), math.sin(pitch / 2), math.cos(pitch / 2)
+    sr, cr = math.sin(roll / 2), math.cos(roll / 2)
+    turn.x, turn.y = length * (sr * cp * cy - cr * sp * sy), length * (cr * sp * cy + sr * cp * sy)
+    turn.z, turn.w = length * (cr * cp * sy - sr * sp * cy), length * (cr * cp * cy + sr * sp * sy)
+    for off, outcome in ((0.0, "passed"), (0.049, "passed"), (0.051, "failed")):
+        goal = GOAL["finalPose"] | {"yaw": yaw + off, "maxYawError": 0.05}
+        assert found(case([*RIGHT[:-1], last]), {"finalPose": goal}).outcome == outcome
+
+
 def test_a_truth_that_is_no_number_is_no_evidence() -> None:
     truth = [("/truth", at, stamped(at, math.nan if at == 12 else at, 0.0)) for at in INPUTS]
     finding = found(case(RIGHT, truth=truth), ERROR)

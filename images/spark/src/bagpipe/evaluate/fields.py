@@ -75,9 +75,11 @@ def no_number(
 
 
 def yaw_of(orientation: Any) -> float:
-    """The heading of a quaternion, in radians from -pi to pi (REP 103: about z, from x to y)."""
+    """The heading of a quaternion of any length, in radians from -pi to pi (REP 103: about z, from
+    x to y).
+    """
     x, y, z, w = (float(getattr(orientation, n)) for n in "xyzw")
-    return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return math.atan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z)
 
 
 def turned(radians: float) -> float:
