@@ -138,6 +138,36 @@ def test_the_usual_step_is_one_between_samples_that_are_apart(times: list[int], 
     assert usual_step(times, 50) == step
 
 
+def from_zero(*stamps: float, topic: str = "/pose") -> list[Any]:
+    """Ten messages a second apart from second 0 on, which say when they came."""
+    given = [*stamps, *range(len(stamps), 10)]
+    return [(topic, n + 0.3, stamped(at, n, 0.0)) for n, at in enumerate(given)]
+
+
+def test_in_a_drive_from_second_zero_an_empty_stamp_is_that_time() -> None:
+    right = from_zero(topic="/truth")
+    found = brought(evidence([*right, *from_zero()], start=0, end=10), metric="max")
+    assert [(each.at, each.truth, each.distance) for each in found.pairs[:2]] == [
+        (0, 0, 0.0), (SECOND, 1, 0.0),
+    ]  # fmt: skip
+    # Nine answers with the first one's stamp are answers to the first input.
+    still = evidence([*right, *from_zero(*[0.0] * 9)], start=0, end=10)
+    assert [each.truth for each in brought(still).pairs] == [0] * 9 + [9]
+    assert brought(still).pairs[8].distance == 8.0
+
+
+@pytest.mark.parametrize("start", [0, 0.9, 1])
+def test_where_every_stamp_is_empty_there_is_none(start: float) -> None:
+    empty = [0.0] * 10
+    answers = [("/pose", n + 0.3, number(n)) for n in range(10)]
+    given = evidence([*from_zero(*empty, topic="/truth"), *answers], start=start, end=10)
+    found = brought(given, fields=["data"], truthFields=X)
+    assert {each.distance for each in found.pairs} == {0.0}
+    assert len(found.pairs) == (10 if start == 0 else 9)
+    with pytest.raises(NoEvidenceError, match=r"messages on /pose have an empty (header\.)?stamp"):
+        brought(evidence([*from_zero(topic="/truth"), *from_zero(*empty)], start=start, end=10))
+
+
 def test_stamps_that_can_t_be_are_believed_only_if_the_recording_has_such() -> None:
     wall = [("/pose", 10.5 + n, stamped(5_000.0 + n, n, 0)) for n in range(3)]
     right = [("/truth", 10.5 + n, stamped(10.0 + n, n, 0)) for n in range(3)]

@@ -15,6 +15,7 @@ from bagpipe.texts import duration_nanoseconds
 
 # In a gap of the truth, of so many usual steps or more, it may have been anywhere.
 _GAP = 3
+_SECOND = 1_000_000_000
 
 # When it was received, its time by the answers' clock, and the numbers of its fields.
 _Answer = tuple[int, int, list[float]]
@@ -62,12 +63,14 @@ def matched(name: str, wanted: Error, evidence: Evidence) -> Matched:
     foreign = wanted.recording and _of_another_clock(truth, evidence, most)
     if found.fault and not foreign:
         raise NoEvidenceError(found.fault)
+    if _unstamped(answers):
+        raise NoEvidenceError(f"{len(answers)} messages on {wanted.topic} have an empty stamp")
     numbers = [[(each.time, number_at(each.message, f)) for f in wanted.fields] for each in answers]
     odd = no_number(
         name, "error", f"{', '.join(wanted.fields)} of {wanted.topic}",
         (value for values in numbers for value in values), evidence.start,
     )  # fmt: skip
-    times, order = [_when(each) for each in truth], [_when(each) for each in answers]
+    times, order = _times(truth, evidence), _times(answers, evidence)
     given = [
         (sample.time, at, [value for _, value in values])
         for sample, at, values in zip(answers, order, numbers, strict=True)
@@ -160,7 +163,8 @@ def truth_of(wanted: Error, evidence: Evidence) -> list[Sample]:
     )  # fmt: skip
     if odd is not None:
         raise NoEvidenceError(f"nothing can be compared: {odd.message}")
-    return sorted(found, key=_when)
+    times = _times(found, evidence)
+    return [found[place] for place in sorted(range(len(found)), key=times.__getitem__)]
 
 
 def _of_another_clock(truth: list[Sample], evidence: Evidence, ahead: int) -> bool:
@@ -171,8 +175,16 @@ def _of_another_clock(truth: list[Sample], evidence: Evidence, ahead: int) -> bo
     return any(each.stamp and not credible(each.time, each.stamp, begin, ahead) for each in truth)
 
 
-def _when(sample: Sample) -> int:
-    return sample.stamp or sample.time
+def _times(messages: Sequence[Sample], evidence: Evidence) -> list[int]:
+    """The stamps, or the receipts of messages that have none."""
+    # A simulated drive may begin with second 0, which is a time there.
+    none = (None, 0) if begin_of(evidence) >= _SECOND or _unstamped(messages) else (None,)
+    return [each.time if each.stamp in none else each.stamp or 0 for each in messages]
+
+
+def _unstamped(messages: Sequence[Sample]) -> bool:
+    """Whether there are several, and all of them have an empty stamp."""
+    return len(messages) > 1 and all(each.stamp == 0 for each in messages)
 
 
 def _nearest(times: list[int], time: int) -> int:
