@@ -95,6 +95,18 @@ def test_the_final_error_is_that_of_the_latest_stamp_and_near_the_end() -> None:
     assert "the last answer is at sample 20 of 50" in early.message
 
 
+@pytest.mark.parametrize(("last", "outcome"), [(500.0, "failed"), (14.9, "passed")])
+def test_of_two_answers_with_the_last_stamp_the_later_is_the_last(
+    last: float, outcome: str
+) -> None:
+    other = 14.9 if last > 100 else 500.0
+    both = [*RIGHT[:-1], answer(14.9, x=other), answer(14.9, late=0.02, x=last)]
+    final = {"error": ERROR["error"] | {"metric": "final"}}
+    goal = {"finalPose": GOAL["finalPose"] | {"position": [14.9, 0.0]}}
+    for measure in (final, goal):
+        assert found(case(both), measure).outcome == outcome
+
+
 def test_a_distance_beyond_all_squares_is_a_figure() -> None:
     rmse = {"error": ERROR["error"] | {"metric": "rmse"}}
     finding = found(case([*RIGHT[:-1], answer(14.9, x=1e300)]), rmse)

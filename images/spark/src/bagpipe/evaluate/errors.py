@@ -73,7 +73,8 @@ def _figure(wanted: Error, found: Matched) -> float:
     if wanted.metric == "max":
         return max(pair.distance for pair in [*found.pairs, *found.strays])
     if wanted.metric == "final":
-        return max(found.pairs, key=lambda pair: pair.at).distance
+        # Of several with that stamp the one that came last, as for finalPose.
+        return max(reversed(found.pairs), key=lambda pair: pair.at).distance
     # What is known of strays is the least that they may be wrong by: it makes no mean better.
     return max(_mean(found.pairs), _mean([*found.pairs, *found.strays]))
 
