@@ -25,7 +25,7 @@ GOOD: dict[str, Value] = {
     "bounds": {"topic": "/a", "field": "pose.covariance[35]", "min": -1.5},
     "expression": {"topic": "/a", "holds": "msg.data < 3.0", "share": 0.5, "finite": False},
     "error": {
-        "topic": "/a", "fields": ["x", "y.z[0]"], "truth": "/b", "truthFields": ["u", "v"],
+        "topic": "/a", "fields": ["r", "y.z[0]"], "truth": "/b", "truthFields": ["u", "v"],
         "metric": "final", "max": 1, "stampTolerance": "50ms", "angle": True, "anyFrame": True,
         "minCoverage": 1,
     },
@@ -115,7 +115,9 @@ REFUSED: list[tuple[str, Value, str]] = [
     ("error", {"truthFields": ["u"]}, "error.truthFields and fields differ in number"),
     ("error", {"stampTolerance": "50"}, "error.stampTolerance must be a duration with its unit"),
     ("error", {"truth": "/a", "truthFields": []}, "error compares a topic with itself"),
-    ("error", {"truth": "/a", "truthFields": ["x", "y.z[0]"]}, "error compares a topic with"),
+    ("error", {"truth": "/a", "truthFields": ["r", "y.z[0]"]}, "error compares a topic with"),
+    ("error", {"fields": ["x", "theta"]}, "error.angle is for all fields, of which one is x, y"),
+    ("error", {"truthFields": ["a.z", "theta"]}, "error.angle is for all fields, of which one"),
     ("finalPose", {"maxYawError": 3.1415}, "finalPose.yaw and maxYawError go together"),
     ("separation", {"maxAge": "0s"}, "separation.maxAge must be a duration above zero"),
     ("resources", {"maxMemory": "2 GB"}, "resources.maxMemory is no quantity"),
@@ -147,9 +149,12 @@ def test_a_heading_has_a_bound_and_a_bound_a_heading(half: str) -> None:
     [
         ("error", {"truth": "/a"}),  # in other fields
         ("error", {"truth": "/a", "truthFields": [], "recording": True}),
+        ("error", {"fields": ["x", "theta"], "angle": False}),
+        ("error", {"fields": ["rpy.z"], "truthFields": ["z"]}),
+        ("error", {"fields": ["roll", "max"]}),
     ],
 )
-def test_a_topic_is_compared_with_what_is_not_itself(kind: str, changed: Value) -> None:
+def test_what_can_be_meant_is_taken(kind: str, changed: Value) -> None:
     value = {"name": "c", kind: GOOD[kind] | changed}
     assert (refusals(SCHEMA, value), taken_by_the_model(value)) == ([], True)
 
@@ -160,7 +165,8 @@ def test_what_an_earlier_release_took_is_read_with_its_results() -> None:
     stored = {"name": "c", "finalPose": pose | {"maxYawError": 3.141592653589793}}
     assert (refusals(SCHEMA, stored), taken_by_the_model(stored)) == ([], True)
     itself = {"name": "c", "error": GOOD["error"] | {"truth": "/a", "truthFields": []}}
+    places = {"name": "c", "error": GOOD["error"] | {"fields": ["x", "theta"]}}
     turned = pose | {"maxYawError": 3.141592653589793, "yaw": 1}
-    for value in (itself, {"name": "c", "finalPose": turned}):
+    for value in (itself, places, {"name": "c", "finalPose": turned}):
         assert not taken_by_the_model(value)
         assert Criterion.model_validate(value, context={RAN: True}).name == "c"

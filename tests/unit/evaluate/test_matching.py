@@ -3,13 +3,14 @@
 import math
 from typing import Any
 
+import numpy as np
 import pytest
 
 from bagpipe.evaluate.evidence import Evidence
 from bagpipe.evaluate.finding import NoEvidenceError
 from bagpipe.evaluate.matching import Matched, Pair, matched, usual_step
 from bagpipe.evaluate.model import Error
-from tests.unit.evaluate.recordings import evidence, number, stamped
+from tests.unit.evaluate.recordings import STORE, evidence, number, stamped
 
 SECOND = 1_000_000_000
 X = ["pose.position.x"]
@@ -31,6 +32,11 @@ def answer(stamp: float, x: float, y: float = 0.0, late: float = 0.25) -> Any:
 def truth(*points: tuple[float, float]) -> list[Any]:
     """In the window, whatever the order of the stamps."""
     return [("/truth", 10.1 + n, stamped(at, x, 0.0)) for n, (at, x) in enumerate(points)]
+
+
+def joints(*angles: float) -> Any:
+    layout = STORE.types["std_msgs/msg/MultiArrayLayout"]([], 0)
+    return STORE.types["std_msgs/msg/Float64MultiArray"](layout, np.array(angles, dtype=float))
 
 
 def pair(stamp: float, place: int, distance: float, late: float = 0.25) -> Pair:
@@ -191,8 +197,11 @@ def test_distances_are_over_all_fields_and_of_angles_the_short_way() -> None:
     assert [each.distance for each in brought(evidence(entries), fields=both).pairs] == [
         5.0, pytest.approx(math.hypot(2 * math.pi - 0.3, 0.4)),
     ]  # fmt: skip
-    turned = brought(evidence(entries[3:] + STRAIGHT), fields=both, angle=True)
-    assert turned.pairs[1].distance == pytest.approx(0.5)
+    turned = [
+        (topic, 11.0, joints(*at)) for topic, at in (("/pose", (16.0, 0.4)), ("/truth", (10, 0)))
+    ]
+    found = brought(evidence(turned), fields=["data[0]", "data[1]"], angle=True)
+    assert found.pairs[0].distance == pytest.approx(math.hypot(math.tau - 6, 0.4))
 
 
 def test_the_truth_may_have_fields_of_its_own_and_no_header() -> None:

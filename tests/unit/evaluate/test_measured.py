@@ -87,7 +87,7 @@ def test_what_is_so_without_a_word_makes_a_figure_no_other_one_where_it_is_writt
     recorded: Value = {"truth": None, "recording": True}
     assert mark("error", recorded | {"truth": topic}) == mark("error", recorded)
     assert mark("error", {"truthFields": fields}) == mark("error", {"truthFields": []})
-    for other in ({"truth": "/other", "recording": True}, {"truthFields": ["x"] * len(fields)}):
+    for other in ({"truth": "/other", "recording": True}, {"truthFields": ["u"] * len(fields)}):
         assert mark("error", other) not in {mark("error"), mark("error", recorded)}
 
 

@@ -23,6 +23,8 @@ _PATH = re.compile(rf"{_PART}(?:[.]{_PART})*")
 _LONGEST_TIMEOUT = 86_400.0
 # No heading is further from another one; releases before 0.2 wrote it where nothing was written.
 _ANY_HEADING = 3.1415
+# The last part of a path to a coordinate, which no turn brings back to where it was.
+_PLACES = frozenset("xyz")
 # In a validation's context: the job has been run, and its results are read.
 RAN = "ran"
 
@@ -166,6 +168,13 @@ class Error(_Model):
             raise ValueError("truthFields and fields differ in number: write one for each field")
         if self.truth is None and not self.recording:
             raise ValueError("no truth is named: write truth: /topic, or recording: true")
+        named = [path.rpartition(".")[2] for path in (*self.fields, *self.truth_fields)]
+        places = self.angle and len(self.fields) > 1 and not _PLACES.isdisjoint(named)
+        if places and not of_results(info):
+            raise ValueError(
+                "angle is for all fields, of which one is x, y or z: write a criterion for each"
+                " angle, and one without angle for the place"
+            )
         same_fields = self.truth_fields in ([], self.fields)
         itself = self.truth == self.topic and not self.recording and same_fields
         if itself and not of_results(info):
