@@ -1,6 +1,7 @@
 """Criteria that the API server refuses, and criteria that the models refuse, are the same ones."""
 
 import copy
+import math
 from typing import Any
 
 import pytest
@@ -33,7 +34,7 @@ GOOD: dict[str, Value] = {
         "topic": "/a", "position": [1, 2.5], "maxDistance": 0.1, "yaw": 3, "maxYawError": 0.1,
     },
     "separation": {
-        "ego": "/a", "obstacles": "/b", "radius": 1, "minDistance": 0, "maxAge": "500ms",
+        "ego": "/a", "obstacles": "/b", "radius": 1, "minDistance": 0.5, "maxAge": "500ms",
     },
     "resources": {"maxCpu": 1.5, "maxMemory": "500Ki"},
     "own": {
@@ -108,6 +109,9 @@ REFUSED: list[tuple[str, Value, str]] = [
     ("latency", {"max": "100"}, "latency.max must be a duration with its unit: write for"),
     ("latency", {"topic": "imu"}, "this is no topic's name"),
     ("presence", {"max": 1}, "presence has a max below its min: write min: 0 as well"),
+    ("presence", {"min": 0, "max": ...}, "presence.min: 0 alone holds for every stack"),
+    ("rate", {"min": 0, "max": ...}, "rate.min of 0 or less alone holds for every stack"),
+    ("rate", {"min": -1, "max": ...}, "rate.min of 0 or less alone holds for every stack"),
     ("rate", {"max": 0.5}, "rate has a max below its min"),
     ("bounds", {"field": "pose..x"}, "a field is a path of names"),
     ("expression", {"holds": ""}, "expression.holds is empty"),
@@ -131,9 +135,48 @@ REFUSED: list[tuple[str, Value, str]] = [
 
 @pytest.mark.parametrize(("kind", "changed", "sentence"), REFUSED)
 def test_a_refusal_says_what_to_write(kind: str, changed: Value, sentence: str) -> None:
-    [refused] = refusals(SCHEMA, {"name": "c", kind: GOOD[kind] | changed})
+    fields = {name: given for name, given in (GOOD[kind] | changed).items() if given is not ...}
+    [refused] = refusals(SCHEMA, {"name": "c", kind: fields})
     assert sentence in refused
     assert "write " in refused
+    assert not taken_by_the_model({"name": "c", kind: fields})
+
+
+@pytest.mark.parametrize(
+    ("kind", "changed"),
+    [
+        ("presence", {"min": 0}),
+        ("rate", {"min": 0}),
+        ("rate", {"min": -1.5, "max": 0.0}),
+        ("rate", {"min": 1e-9}),
+        ("separation", {"minDistance": 1e-9}),
+    ],
+)
+def test_what_may_fail_is_taken(kind: str, changed: Value) -> None:
+    value = {"name": "c", kind: GOOD[kind] | changed}
+    assert (refusals(SCHEMA, value), taken_by_the_model(value)) == ([], True)
+
+
+def test_a_distance_of_nothing_is_refused() -> None:
+    value = {"name": "c", "separation": GOOD["separation"] | {"minDistance": 0}}
+    assert refusals(SCHEMA, value)
+    assert not taken_by_the_model(value)
+    assert Criterion.model_validate(value, context={RAN: True}).name == "c"
+
+
+@pytest.mark.parametrize(
+    ("kind", "field"),
+    [
+        ("finalPose", "maxDistance"), ("finalPose", "maxYawError"), ("separation", "radius"),
+        ("separation", "minDistance"), ("separation", "minTimeToCollision"),
+        ("resources", "maxCpu"), ("bounds", "min"), ("rate", "max"), ("error", "max"),
+    ],
+)  # fmt: skip
+def test_a_bound_that_is_infinite_is_none(kind: str, field: str) -> None:
+    """YAML has such numbers, and JSON, in which the API server takes a manifest, has not."""
+    value = {"name": "c", kind: GOOD[kind] | {field: math.inf}}
+    assert not taken_by_the_model(value)
+    assert Criterion.model_validate(value, context={RAN: True}).name == "c"
 
 
 @pytest.mark.parametrize("half", ["yaw", "maxYawError"])
@@ -167,6 +210,10 @@ def test_what_an_earlier_release_took_is_read_with_its_results() -> None:
     itself = {"name": "c", "error": GOOD["error"] | {"truth": "/a", "truthFields": []}}
     places = {"name": "c", "error": GOOD["error"] | {"fields": ["x", "theta"]}}
     turned = pose | {"maxYawError": 3.141592653589793, "yaw": 1}
-    for value in (itself, places, {"name": "c", "finalPose": turned}):
+    nothing = [
+        {"name": "c", "presence": {"topic": "/a", "min": 0}},
+        {"name": "c", "rate": {"topic": "/a", "min": 0}},
+    ]
+    for value in (*nothing, itself, places, {"name": "c", "finalPose": turned}):
         assert not taken_by_the_model(value)
         assert Criterion.model_validate(value, context={RAN: True}).name == "c"

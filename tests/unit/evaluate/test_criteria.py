@@ -37,7 +37,7 @@ def every(step: float, topic: str = "/out", first: float = 10.0, count: int = 10
         ({"min": 11}, "failed", 10.0),
         ({"min": 0, "max": 9}, "failed", 10.0),
         ({"topic": "/none"}, "failed", 0.0),
-        ({"topic": "/none", "min": 0}, "passed", 0.0),
+        ({"topic": "/none", "min": 0, "max": 9}, "passed", 0.0),
     ],
 )
 def test_presence(wanted: dict[str, Any], outcome: str, figure: float) -> None:

@@ -128,7 +128,7 @@ def test_a_truth_in_the_job_s_own_bag(tmp_path: Path) -> None:
     "criterion",
     [
         {"resources": {"maxCpu": 1}},
-        {"presence": {"topic": "/out", "min": 0}},
+        {"presence": {"topic": "/out", "min": 0, "max": 99}},
         {"presence": {"topic": "/out"}},
         {"bounds": {"topic": "/out", "field": "data", "max": 1}, "expectFailure": True},
     ],

@@ -49,8 +49,8 @@ def _path(path: str) -> str:
     return path
 
 
-def _finite(number: float) -> float:
-    if not math.isfinite(number):
+def _finite(number: float, info: ValidationInfo) -> float:
+    if not math.isfinite(number) and not of_results(info):
         raise ValueError("a bound must be a finite number")
     return number
 
@@ -64,6 +64,7 @@ def _timeout(text: str) -> str:
 Topic = Annotated[str, Field(max_length=256), AfterValidator(_topic)]
 Path = Annotated[str, Field(max_length=256), AfterValidator(_path)]
 Bound = Annotated[float, AfterValidator(_finite)]
+AboveZero = Annotated[Bound, Field(gt=0)]
 Timeout = Annotated[Duration, AfterValidator(_timeout)]
 # The least part of the window, or of the truth's samples, that a criterion must be judged on.
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -105,6 +106,12 @@ class Presence(_Model):
             raise ValueError(f"max ({self.max}) is below min ({self.min}): write min: 0 as well")
         return self
 
+    @model_validator(mode="after")
+    def _can_fail(self, info: ValidationInfo) -> Self:
+        if self.min == 0 and self.max is None and not of_results(info):
+            raise ValueError("min: 0 alone holds for every stack: write a greater one, or max")
+        return self
+
 
 class Rate(_Bounded):
     """Messages per second of a topic, over the case's window or over the worst gap in it."""
@@ -112,6 +119,14 @@ class Rate(_Bounded):
     topic: Topic
     over: Literal["window", "worst"] = "window"
     min_coverage: Share = 0.75
+
+    @model_validator(mode="after")
+    def _can_fail(self, info: ValidationInfo) -> Self:
+        if self.min is not None and self.min <= 0 and self.max is None and not of_results(info):
+            raise ValueError(
+                f"min: {self.min:g} alone holds for every stack: write a greater one, or max"
+            )
+        return self
 
 
 class Latency(_Model):
@@ -195,8 +210,8 @@ class FinalPose(_Model):
     topic: Topic
     position: list[Bound] = Field(min_length=2, max_length=3)
     yaw: Bound | None = None
-    max_distance: float = Field(gt=0)
-    max_yaw_error: float | None = Field(default=None, gt=0)
+    max_distance: AboveZero
+    max_yaw_error: AboveZero | None = None
     min_coverage: Share = 0.9
 
     @model_validator(mode="after")
@@ -219,9 +234,9 @@ class Separation(_Model):
 
     ego: Topic
     obstacles: Topic
-    radius: float = Field(default=1.5, gt=0)
-    min_distance: float | None = Field(default=None, ge=0)
-    min_time_to_collision: float | None = Field(default=None, gt=0)
+    radius: AboveZero = 1.5
+    min_distance: Bound | None = Field(default=None, ge=0)
+    min_time_to_collision: AboveZero | None = None
     max_age: Timeout = "1s"
     any_frame: bool = False
     min_coverage: Share = 0.9
@@ -232,11 +247,17 @@ class Separation(_Model):
             raise ValueError("write minDistance or minTimeToCollision")
         return self
 
+    @model_validator(mode="after")
+    def _can_fail(self, info: ValidationInfo) -> Self:
+        if self.min_distance == 0 and not of_results(info):
+            raise ValueError("minDistance: 0 holds at every distance: write a greater one")
+        return self
+
 
 class Resources(_Model):
     """What the stack used: CPU seconds per second of the case, and the most memory, in bytes."""
 
-    max_cpu: float | None = Field(default=None, gt=0)
+    max_cpu: AboveZero | None = None
     max_memory: str | None = Field(
         default=None, pattern=r"^[0-9]+([.][0-9]+)?([kMGT]|[KMGT]i)?$", max_length=32
     )
