@@ -170,6 +170,21 @@ def test_stamps_that_can_t_be_true_make_no_criterion(tmp_path: Path, stamp: Any,
     assert re.search(f"# /out: {why}: the clocks differ", done.stdout)
 
 
+@pytest.mark.parametrize(("step", "gaps"), [(6, True), (7, False), (8, False)])
+def test_no_gap_is_demanded_that_only_silence_throughout_could_have(
+    tmp_path: Path, step: int, gaps: bool
+) -> None:
+    """Thrice a gap of 7 s is longer than a fragment of 20 s."""
+    slow = steady("/out", 100 // step + 1, step * SECOND)
+    steady_in = steady("/in", 1000, 100_000_000)
+    write_bag(tmp_path / "a.bag", sorted([*steady_in, *slow], key=lambda m: m.time))
+    done = init(tmp_path / "a.bag", "--output", "/out")
+    names = [each["name"] for each in done.spec["evaluate"]]
+    assert names == (["out rate", "out gap"] if gaps else ["out rate"])
+    sentence = f"the longest recorded gap, {step} s, is no small part of a fragment's 20 s"
+    assert (sentence in done.stdout) is not gaps
+
+
 def test_an_output_that_is_silent_in_a_fragment_has_no_rate(tmp_path: Path) -> None:
     messages = steady("/in", 600, 100_000_000) + steady("/out", 10, 100_000_000)
     write_bag(tmp_path / "a.bag", sorted(messages, key=lambda m: m.time), chunk_bytes=512)

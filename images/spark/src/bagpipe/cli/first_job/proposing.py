@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
-from bagpipe.cli.first_job.facts import Recordings, Topic, engine_of, percentile
+from bagpipe.cli.first_job.facts import Course, Recordings, Topic, engine_of, percentile
 from bagpipe.engine_fields import engines_by_encoding, fields_of
 
 # What a job may name (spec.source.topics, and a name that criteria can read).
@@ -120,7 +120,8 @@ def propose(asked: Asked, recordings: Recordings) -> Proposal:
     encoding = fields_of(engine).encoding or ""
     unfit = [name for name, topic in topics.items() if _unfit(topic, encoding)]
     length, warm_up = fragment_length(recordings)
-    criteria, without = _criteria(asked.outputs, recordings, asked.mode)
+    longest = min(length, recordings.longest)
+    criteria, without = _criteria(asked.outputs, recordings, asked.mode, longest)
     return Proposal(
         asked,
         engine,
@@ -262,7 +263,7 @@ def _memory(asked: Asked, recordings: Recordings, length: float, warm_up: float)
 
 
 def _criteria(
-    outputs: Iterable[str], recordings: Recordings, mode: str
+    outputs: Iterable[str], recordings: Recordings, mode: str, length: float
 ) -> tuple[list[ProposedCriterion], list[str]]:
     found: list[ProposedCriterion] = []
     without: list[str] = []
@@ -277,7 +278,8 @@ def _criteria(
             why = "it is latched" if topic.latched else "one message: there is no rate"
             found.append(_presence(label, name, why))
         else:
-            _of_rates(label, topic, recordings, found, without)
+            _of_rates(label, topic, recordings.course(name), found, without)
+            _of_gaps(label, name, recordings.course(name), length, found, without)
             if mode == "lockstep":
                 without.append(f"{name}: in lock-step no latency is demanded: steps have deadlines")
             else:
@@ -294,11 +296,10 @@ def _presence(label: str, topic: str, why: str) -> ProposedCriterion:
 def _of_rates(
     label: str,
     topic: Topic,
-    recordings: Recordings,
+    course: Course | None,
     found: list[ProposedCriterion],
     without: list[str],
 ) -> None:
-    course = recordings.course(topic.name)
     rate = topic.rate or 0.0
     if course is None:
         limit = {"topic": topic.name, "min": _floor(rate / 2)}
@@ -314,10 +315,31 @@ def _of_rates(
     limit = {"topic": topic.name, "min": _floor(0.8 * course.slowest)}
     why = f"80 % of the slowest of {course.fragments} fragments, {course.slowest:.3g}"
     found.append(ProposedCriterion({"name": f"{label} rate", "rate": limit}, why))
+
+
+def _of_gaps(
+    label: str,
+    topic: str,
+    course: Course | None,
+    length: float,
+    found: list[ProposedCriterion],
+    without: list[str],
+) -> None:
+    """`length` is that of the longest fragment in seconds."""
+    if course is None or course.silent:
+        return
     allowed = max(_LEAST_GAP, 3 * course.longest_gap)
-    limit = {"topic": topic.name, "min": _floor(1 / allowed), "over": "worst"}
+    least = _floor(1 / allowed)
+    # No silence within a fragment is longer than that, also of a stack that is silent throughout.
+    if least * length <= 1:
+        without.append(
+            f"{topic}: the longest recorded gap, {course.longest_gap:.3g} s, is no small part of a"
+            f" fragment's {length:.3g} s, so no bound on gaps is demanded"
+        )
+        return
     why = f"no gap longer than {allowed:.3g} s; the longest that was recorded is"
     why += f" {course.longest_gap:.3g} s"
+    limit = {"topic": topic, "min": least, "over": "worst"}
     found.append(ProposedCriterion({"name": f"{label} gap", "rate": limit}, why))
 
 
