@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -14,6 +15,8 @@ from bagpipe.evaluate.judge import evaluate, faults
 from bagpipe.evaluate.model import Criterion
 from bagpipe.evaluate.values import MOST_SECONDS
 from tests.unit.evaluate.recordings import evidence, number, poses, stamped, text
+
+ROOT = Path(__file__).parents[3]
 
 
 def criterion(**measure: Any) -> Criterion:
@@ -147,6 +150,16 @@ def test_expressions(holds: str, share: float, outcome: str, figure: float) -> N
     given = evidence(every(1.0), values={"speed": 3.5})
     finding = found(given, expression={"topic": "/out", "holds": holds, "share": share})
     assert (finding.outcome, finding.figure) == (outcome, figure)
+
+
+@pytest.mark.parametrize("speed", [10, 10.0])
+def test_a_variable_is_reckoned_with_as_the_page_says(speed: float) -> None:
+    holds = "msg.data < double(case.speed) * 0.1"
+    assert f"`{holds}`" in (ROOT / "docs/tasks/criteria.md").read_text()
+    slower = [("/out", 10.0 + n, number(0.9)) for n in range(10)]
+    given = evidence(slower, values={"speed": speed})
+    wanted = {"topic": "/out", "holds": holds}
+    assert found(given, expression=wanted).outcome == "passed"
 
 
 def test_an_expression_says_where_it_first_failed() -> None:

@@ -5,8 +5,9 @@ from typing import Any
 
 import pytest
 
-from bagpipe.evaluate.reads import Path, paths_of
+from bagpipe.evaluate.reads import Path, never_equal, paths_of
 from tests.unit.evaluate.drives import INPUTS, answer, case, found
+from tests.unit.evaluate.recordings import STORE
 
 
 @pytest.mark.parametrize(
@@ -50,3 +51,42 @@ def test_a_word_in_a_text_reads_nothing(holds: str, outcome: str) -> None:
     wanted: dict[str, Any] = {"expression": {"topic": "/pose", "holds": holds}}
     finding = found(case(entries), wanted)
     assert finding.outcome == outcome, finding
+
+
+MESSAGE: dict[str, Any] = {
+    "flag": False, "text": "5", "size": 3, "ratio": 0.5, "list": [1.0], "raw": b"ab",
+    "inner": {"flag": True},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("msg.flag != 0", "compares msg.flag, which is true or false, with a number: never equal"),
+        ("msg.size > 2 && msg.inner.flag == 1.0", "compares msg.inner.flag, which is true or"),
+        ("1 == msg.flag", "compares msg.flag, which is true or false, with a number"),
+        ("msg.text != -5", "compares msg.text, which is a text, with a number"),
+        ("msg.text == .5", "compares msg.text, which is a text, with a number"),
+        ("'3' != msg.size", "compares msg.size, which is a number, with a text"),
+        ("msg.ratio != false", "compares msg.ratio, which is a number, with true or false"),
+        ("msg.list[0] == '1'", "compares msg.list[0], which is a number, with a text"),
+        ("msg.flag == true && msg.text == '5' && msg.size == 3.0 && msg.ratio != 1", ""),
+        ("msg.size == 3u && 0x3 == msg.size && msg.ratio == 5e-1", ""),
+        ("3 == msg.text.size() && msg.text.size() != 3 && size(msg.text) == 3", ""),
+        ("int(msg.text) == 5 && 5 == int(msg.text)", ""),
+        ("msg.flag == (1 < 2) && msg.flag != msg.inner.flag && msg.size == case.n", ""),
+        ("msg.flag == 'abc'.startsWith('a') && 'abc'.contains('b') == msg.flag", ""),
+        ("msg.raw == b'ab' && msg.none == 1 && msg.list == [1]", ""),
+        ("msg.text != 'msg.flag != 0' // msg.flag != 0", ""),
+        ("msg.list[0] == 1 && msg.list[9] == '1'", ""),
+    ],
+)
+def test_what_is_never_equal_is_named(text: str, sentence: str) -> None:
+    assert never_equal(text, MESSAGE)[: len(sentence) or None] == sentence
+
+
+def test_a_comparison_that_always_holds_is_no_evidence() -> None:
+    flags = [("/flag", at, STORE.types["std_msgs/msg/Bool"](False)) for at in INPUTS]
+    for holds, outcome in (("msg.data != 0", "invalid"), ("!msg.data", "passed")):
+        finding = found(case(flags), {"expression": {"topic": "/flag", "holds": holds}})
+        assert finding.outcome == outcome, finding

@@ -17,6 +17,13 @@ _FIELD = r"\s*\.\s*[A-Za-z_][A-Za-z0-9_]*\b(?!\s*\()"
 # Of a text its number stands in the place of what it says.
 _ELEMENT = r"\s*\[\s*(?:\d+|'\d+')\s*\]"
 _READ = re.compile(rf"(?<!\w)(?<![\w)\]][.])msg\b((?:{_FIELD}|{_ELEMENT})*)")
+# Of a number, true or false, or a text, of which no method follows.
+_LITERAL = r"(?P<{0}>-?[.]?\d[\w.]*|(?:true|false)\b|'\d+'(?!\s*[.\[]))"
+_EQUAL = r"\s*[!=]=\s*"
+_COMPARED = re.compile(
+    rf"{_READ.pattern}{_EQUAL}{_LITERAL.format('right')}"
+    rf"|(?<![\w.]){_LITERAL.format('left')}{_EQUAL}{_READ.pattern}(?!\s*[.\[(])"
+)
 _PART = re.compile(r"\.\s*([A-Za-z_][A-Za-z0-9_]*)|\[\s*(?:(\d+)|'(\d+)')\s*\]")
 
 Path = tuple[str | int, ...]
@@ -50,15 +57,48 @@ def _path(read: str, texts: list[str]) -> Path:
     return tuple(path)
 
 
+def never_equal(text: str, message: Any) -> str:
+    """A sentence where a field is compared with a literal that no value of its type equals: CEL
+    then gives an answer for every message, and it is always the same one.
+    """
+    plain, texts = _without_texts(text)
+    for found in _COMPARED.finditer(plain):
+        parts = found[1] if found["right"] else found[4]
+        other = _type_of_literal(found["right"] or found["left"])
+        value = _type_of(_at(message, _path(parts, texts)))
+        if value and value != other:
+            return f"compares msg{parts.strip()}, which is {value}, with {other}: never equal"
+    return ""
+
+
+def _type_of(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true or false"
+    if isinstance(value, int | float):
+        return "a number"
+    return "a text" if isinstance(value, str) else ""
+
+
+def _type_of_literal(text: str) -> str:
+    if text[0] == "'":
+        return "a text"
+    return "true or false" if text in {"true", "false"} else "a number"
+
+
 def number_below(message: Any, path: Path) -> float:
     """The first number at or below a path of a message's map that is not finite; else zero."""
+    return next(_odd(_at(message, path)), 0.0)
+
+
+def _at(message: Any, path: Path) -> Any:
+    """What is at a path of a message's map; None where nothing is."""
     value = message
     for part in path:
         try:
             value = value[part]
         except (LookupError, TypeError):
-            return 0.0
-    return next(_odd(value), 0.0)
+            return None
+    return value
 
 
 def _odd(value: Any) -> Iterator[float]:

@@ -8,7 +8,7 @@ from bagpipe.evaluate.fields import as_map, no_number, number_at
 from bagpipe.evaluate.finding import Finding, NoEvidenceError, covering
 from bagpipe.evaluate.limits import bounded, limits
 from bagpipe.evaluate.model import Expression, FieldBounds
-from bagpipe.evaluate.reads import number_below, paths_of
+from bagpipe.evaluate.reads import never_equal, number_below, paths_of
 from bagpipe.evaluate.window import TopicMessages, messages_of, over_window, samples
 from bagpipe.expressions import Expression as Compiled
 from bagpipe.expressions import ExpressionError, UnknownNamesError
@@ -58,6 +58,8 @@ def expression(name: str, wanted: Expression, evidence: Evidence) -> Finding:
     program = compiled(wanted.holds)
     found = messages_of(wanted.topic, evidence)
     answers = [(s.time, as_map(s.message)) for s in samples(found, evidence)]
+    if vain := never_equal(wanted.holds, answers[0][1]):
+        raise NoEvidenceError(f"{wanted.holds} {vain}: write a value of its own type")
     finding = _odd(name, wanted, answers, evidence.start)
     if finding is None:
         finding = _holds(name, wanted, program, answers, evidence)
