@@ -42,6 +42,21 @@ def test_what_can_t_be_computed_is_reported_in_one_line() -> None:
 
 
 @pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("n % none == 0", "modulo by zero"),
+        ("n / none == 0", "division by zero"),
+        ("n * n * n * n > 0", "overflow"),
+        ("int(1e300) > 0", "overflow"),
+    ],
+)
+def test_what_has_no_result_can_t_be_computed(text: str, words: str) -> None:
+    found = Expression.compiled(text, {"n", "none"})
+    with pytest.raises(ExpressionError, match=f"^can't be computed: .*{words}"):
+        found.holds({"n": 2**40, "none": 0})
+
+
+@pytest.mark.parametrize(
     ("fault", "words"), [(ValueError("first\nsecond"), "first"), (TypeError(), "TypeError")]
 )
 def test_of_a_fault_the_first_line_is_shown_and_of_one_without_words_its_kind(

@@ -116,6 +116,7 @@ def test_seeds_repeat_each_combination() -> None:
         ("b > 1", "names b, which is no variable of the matrix: it has a", ""),
         ("a + 1", "gives 2 and neither true nor false: write a comparison", " (for a=1)"),
         ("a > 'x'", "can't be computed: ", " (for a=1)"),
+        ("2 % (a - 1) == 0", "can't be computed: ", " (for a=1)"),
         ("a.first > 1", "can't be computed: ", " (for a=1)"),
     ],
 )

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     import cel
 
 # What the library raises for text that does not parse and for what can't be computed.
-_FAULTS = (LookupError, RuntimeError, TypeError, ValueError)
+_FAULTS = (ArithmeticError, LookupError, RuntimeError, TypeError, ValueError)
 # Names that macros bind, such as x of list.exists(x, ...).
 _BOUND = re.compile(r"[.](?:all|exists|exists_one|filter|map)\(\s*([A-Za-z_][A-Za-z0-9_]*)\s*,")
 
