@@ -73,6 +73,31 @@ def test_new_cases_that_fail_and_criteria_that_are_gone_are_mentioned() -> None:
     assert (found.verdict, found.message) == ("same", sentence)
 
 
+def test_a_figure_of_too_little_evidence_is_compared_with_nothing() -> None:
+    """Twelve cases that failed, and are invalid now with a figure that looks better."""
+    before = [row(n, "released", "failed", 1.0 + n / 100) for n in range(12)]
+    now = [row(n, "pr-812", "invalid", 0.01) for n in range(12)]
+    kept = [row(12, each, "passed", 0.1) for each in ("released", "pr-812")]
+    found = only([*before, *now, *kept])
+    assert (found.verdict, found.counts["unknown"]) == ("same", 12)
+    assert found.message.endswith("measured no more: latency in 12 cases")
+    assert [each.pairs for each in found.criteria] == [1]
+    # Of a baseline without evidence there was no figure before.
+    turned = [dict(each, variant="released") for each in now]
+    other = [dict(each, variant="pr-812") for each in before]
+    found = only([*turned, *other, *kept])
+    assert "measured no more" not in found.message
+    assert [each.pairs for each in found.criteria] == [1]
+
+
+def test_a_case_with_a_figure_in_one_round_has_one() -> None:
+    before = [row(0, "released", figure=1.0, round=n) for n in range(2)]
+    now = [row(0, "pr-812", figure=1.0), row(0, "pr-812", "invalid", 9.0, round=1)]
+    found = only([*before, *now])
+    assert [each.variant for each in found.criteria if each.name == "latency"] == [1.0]
+    assert "measured no more" not in found.message
+
+
 @pytest.mark.parametrize(
     ("before", "now", "gone"),
     [

@@ -17,6 +17,7 @@ from bagpipe.compare.pairing import (
     Versions,
     files_differ,
     losses_differ,
+    measured_no_more,
     measures_differ,
     titles,
     windows_differ,
@@ -127,6 +128,7 @@ def _compared(
     called_by = titles(series)
     measured = _measured(baseline), _measured(variant)
     unmeasured, turned = _unmeasured(*measured, called_by), _turned(*measured, called_by)
+    unmeasured += _unmeasured_in_some(measured[1], pairs.values(), called_by)
     message += f"; {len(hidden)} worse in quarantine" if hidden else ""
     message += f"; measured no more: {', '.join(unmeasured)}" if unmeasured else ""
     message += (
@@ -188,6 +190,18 @@ def _unmeasured(before: _Measured, now: _Measured, called: Mapping[Series, str])
     """
     gone = (each for key in before.keys() - now for each in before[key] if key[0] not in FIGURES)
     return sorted(called[series] for series in gone) if now else []
+
+
+def _unmeasured_in_some(
+    now: _Measured, pairs: Collection[tuple[Rounds, Rounds]], called: Mapping[Series, str]
+) -> list[str]:
+    """Figures that the variant has in other cases alone, as the criterion is invalid in these."""
+    found = []
+    for series, name in called.items():
+        gone = sum(measured_no_more(series, *pair) for pair in pairs)
+        if gone and series in now.get(series[:3], ()):
+            found.append(f"{name} in {gone} case{'s' * (gone != 1)}")
+    return sorted(found)
 
 
 def _turned(before: _Measured, now: _Measured, called: Mapping[Series, str]) -> list[str]:

@@ -46,6 +46,7 @@ class Rounds:
     nothing is left. `recording` says with which other cases it may share its luck: those of the
     same recording are not independent of each other. `windows` are the parts of it that were
     judged, in ns since 1970, and `files` the marks of each of its files when it was planned.
+    `invalid` names criteria that were in some round: what little they were judged on is no figure.
     """
 
     recording: str
@@ -57,6 +58,7 @@ class Rounds:
     losses: dict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
     windows: set[tuple[int, int]] = field(default_factory=set)
     files: dict[str, set[str]] = field(default_factory=lambda: defaultdict(set))
+    invalid: set[str] = field(default_factory=set)
 
     def add(self, row: Row) -> None:
         """One more round."""
@@ -71,17 +73,23 @@ class Rounds:
             if file.get("version"):
                 self.files[str(file["bag"])].add(str(file["version"]))
         for finding in row.get("criteria") or []:
-            for each in figures_of(finding):
-                if each.get("figure") is not None and each.get("direction"):
-                    series = _series(finding, each)
-                    self.figures[series].append(float(each["figure"]))
-                    self.marks[series].add(str(each.get("measures") or ""))
+            self._add_finding(finding)
         self.figures[ROUNDS].append(100.0 * (row["outcome"] == "passed"))
         delivered = delivery(row)
         self.figures[DISCARDS].append(delivered[DISCARDED])
         without = left_out(row)
         if without or LOSS in delivered:
             self.losses[without] += [delivered[LOSS]] if LOSS in delivered else []
+
+    def _add_finding(self, finding: Row) -> None:
+        if finding.get("outcome") == "invalid":
+            self.invalid.add(str(finding.get("name") or ""))
+            return
+        for each in figures_of(finding):
+            if each.get("figure") is not None and each.get("direction"):
+                series = _series(finding, each)
+                self.figures[series].append(float(each["figure"]))
+                self.marks[series].add(str(each.get("measures") or ""))
 
     def joined(self, other: Self) -> Self:
         """These rounds and other ones of the same case."""
@@ -96,6 +104,7 @@ class Rounds:
             windows=self.windows | other.windows,
             marks=_both(self.marks, other.marks),
             files=_both(self.files, other.files),
+            invalid=self.invalid | other.invalid,
         )
 
     @property
@@ -202,6 +211,12 @@ def figures_of_both(
 def measures_differ(series: Series, then: Rounds, now: Rounds) -> bool:
     """Whether a criterion is known to have measured something else under the same name."""
     return of_other_measures(then.marks.get(series, set()), now.marks.get(series, set()))
+
+
+def measured_no_more(series: Series, then: Rounds, now: Rounds) -> bool:
+    """Whether a case has no figure any more because its criterion is invalid in all rounds."""
+    lacks = bool(then.figures.get(series)) and not now.figures.get(series)
+    return lacks and series.name in now.invalid
 
 
 def windows_differ(then: Rounds, now: Rounds) -> bool:
