@@ -204,6 +204,12 @@ def test_distances_are_over_all_fields_and_of_angles_the_short_way() -> None:
     assert found.pairs[0].distance == pytest.approx(math.hypot(math.tau - 6, 0.4))
 
 
+def test_angles_that_are_further_apart_than_any_number_are_apart() -> None:
+    far = [("/pose", 11.0, number(1e308)), ("/truth", 11.0, number(-1e308))]
+    found = brought(evidence(far), fields=["data"], angle=True)
+    assert found.pairs[0].distance == math.inf
+
+
 def test_the_truth_may_have_fields_of_its_own_and_no_header() -> None:
     numbers = [("/truth", 10.0 + n, number(10.0 * n)) for n in range(3)]
     entries = [*numbers, answer(11, 12)]

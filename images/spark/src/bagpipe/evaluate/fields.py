@@ -83,5 +83,5 @@ def yaw_of(orientation: Any) -> float:
 
 
 def turned(radians: float) -> float:
-    """The same direction from -pi to pi."""
-    return math.remainder(radians, math.tau)
+    """The same direction from -pi to pi; infinity for what is beyond all numbers."""
+    return math.remainder(radians, math.tau) if math.isfinite(radians) else math.inf
