@@ -14,7 +14,7 @@ from bagpipe.evaluate.finding import Finding, verdict
 from bagpipe.evaluate.judge import evaluate, faults
 from bagpipe.evaluate.model import Criterion
 from bagpipe.evaluate.values import MOST_SECONDS
-from tests.unit.evaluate.recordings import evidence, number, poses, stamped, text
+from tests.unit.evaluate.recordings import STORE, evidence, number, poses, stamped, text
 
 ROOT = Path(__file__).parents[3]
 
@@ -111,6 +111,26 @@ def test_latency_without_evidence_is_invalid(entries: list[Any], sentence: str) 
 def test_bounds(bounds: dict[str, Any], outcome: str, figure: float) -> None:
     finding = found(evidence(every(1.0)), bounds={"topic": "/out", "field": "data"} | bounds)
     assert (finding.outcome, finding.figure) == (outcome, figure)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize(("over", "outcome"), [(0, "passed"), (1, "failed")])
+def test_an_integer_is_held_against_its_bound_as_it_is(sign: int, over: int, outcome: str) -> None:
+    """The next integer after 2^53 is no float."""
+    kind = STORE.types["std_msgs/msg/Int64"]
+    values = [2**53, 2**53 + over, 7]
+    given = evidence([("/out", 10.0 + n, kind(sign * value)) for n, value in enumerate(values)])
+    bound = {"max" if sign > 0 else "min": sign * 2.0**53}
+    wanted = {"topic": "/out", "field": "data", "minCoverage": 0} | bound
+    finding = found(given, bounds=wanted)
+    assert (finding.outcome, finding.figure) == (outcome, sign * 2.0**53)
+    assert isinstance(finding.figure, float)
+
+
+def test_a_text_is_no_number_whatever_it_looks_like() -> None:
+    given = evidence([("/out", 10.0 + n, text("0.3")) for n in range(10)])
+    finding = found(given, bounds={"topic": "/out", "field": "data", "max": 1.0})
+    assert (finding.outcome, finding.message) == ("invalid", "data is no number but str")
 
 
 def test_a_nan_is_out_of_every_bound() -> None:

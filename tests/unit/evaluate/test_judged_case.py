@@ -114,10 +114,12 @@ def test_a_recording_that_can_t_be_read_is_never_a_pass(tmp_path: Path) -> None:
 
 
 def test_a_truth_in_the_job_s_own_bag(tmp_path: Path) -> None:
-    """Texts of digits, the same in the recording and in the output: no distance between them."""
-    recorded = bag([("/out", 1.0 + n * 0.01, text(f"{n}")) for n in range(50)])
+    """The same numbers in the recording and in the output: no distance between them."""
+    played, recorded = (
+        bag([(topic, 1.0 + n * 0.01, number(n)) for n in range(50)]) for topic in ("/scan", "/out")
+    )
     wanted = {"topic": "/out", "truth": "/scan", "recording": True, "fields": ["data"], "max": 1}
-    row = run(tmp_path, recorded, {"name": "as before", "error": wanted})
+    row = run(tmp_path, recorded, {"name": "as before", "error": wanted}, played=played)
     [finding] = row["criteria"]
     assert finding["outcome"] == "passed"
     assert finding["figure"] == 0.0

@@ -11,10 +11,15 @@ from bagpipe.evaluate.finding import Finding, NoEvidenceError
 _PART = re.compile(r"([A-Za-z]\w*)(?:\[(\d+)\])?")
 # A map for an expression holds no images and clouds: nobody compares them pixel by pixel in CEL.
 _LONGEST_ARRAY = 1024
+# From there on not every integer is a float.
+_EXACT = 2**53
 
 
 def number_at(message: Any, path: str) -> float:
-    """The number at a path; a time is seconds. Raises NoEvidenceError naming what is there."""
+    """The number at a path, an integer where a float is less exact; a time is seconds.
+
+    Raises NoEvidenceError naming what is there.
+    """
     value = message
     for part in path.split("."):
         found = _PART.fullmatch(part)
@@ -32,9 +37,12 @@ def number_at(message: Any, path: str) -> float:
     if hasattr(value, "sec") and hasattr(value, "nanosec"):
         return nanoseconds(value) / 1e9
     try:
-        return float(value)
+        number = float(value)
     except (TypeError, ValueError) as error:
         raise NoEvidenceError(f"{path} is no number but {type(value).__name__}") from error
+    if isinstance(value, str | bytes):  # Python reads a number in it, and ROS has none there
+        raise NoEvidenceError(f"{path} is no number but {type(value).__name__}")
+    return int(value) if abs(number) >= _EXACT and hasattr(value, "__index__") else number
 
 
 def as_map(value: Any) -> Any:

@@ -1,5 +1,7 @@
 """Criteria over what messages say: bounds of a field, an expression over each message."""
 
+import math
+from dataclasses import replace
 from time import monotonic
 from typing import Any
 
@@ -27,7 +29,7 @@ def bounds(name: str, wanted: FieldBounds, evidence: Evidence) -> Finding:
     what = f"{wanted.field} of {wanted.topic}"
     finding = no_number(name, "bounds", what, numbers, evidence.start)
     if finding is None:
-        at, worst = max(numbers, key=lambda pair: _excess(pair[1], wanted.min, wanted.max))
+        at, worst = max(numbers, key=lambda pair: _excess(pair[1], wanted))
         when = (at - evidence.start) / 1e9
         finding = bounded(
             Finding(name, "bounds", "passed", worst),
@@ -35,6 +37,7 @@ def bounds(name: str, wanted: FieldBounds, evidence: Evidence) -> Finding:
             wanted.max,
             f"{what} at {when:.3f} s of {len(numbers)} messages",
         )
+        finding = replace(finding, figure=float(worst))
     return _covering(finding, found, evidence, wanted.min_coverage, lasting=True)
 
 
@@ -46,11 +49,11 @@ def _covering(
     return covering(finding, share, covered, found.clock, least, lasting=lasting, remedy=remedy)
 
 
-def _excess(value: float, least: float | None, most: float | None) -> float:
-    """How far a value is beyond its bounds; inside it is below zero."""
-    below = least - value if least is not None else float("-inf")
-    above = value - most if most is not None else float("-inf")
-    return max(below, above)
+def _excess(value: float, wanted: FieldBounds) -> tuple[bool, float]:
+    """Whether a value is beyond its bounds, and how far, as exactly as a float can say that."""
+    least = -math.inf if wanted.min is None else wanted.min
+    most = math.inf if wanted.max is None else wanted.max
+    return not least <= value <= most, max(least - value, value - most)
 
 
 def expression(name: str, wanted: Expression, evidence: Evidence) -> Finding:
