@@ -32,6 +32,7 @@ GOOD: dict[str, Value] = {
     },
     "finalPose": {
         "topic": "/a", "position": [1, 2.5], "maxDistance": 0.1, "yaw": 3, "maxYawError": 0.1,
+        "anyFrame": True,
     },
     "separation": {
         "ego": "/a", "obstacles": "/b", "radius": 1, "minDistance": 0.5, "maxAge": "500ms",

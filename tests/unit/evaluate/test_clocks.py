@@ -25,7 +25,7 @@ from tests.unit.evaluate.drives import (
     named,
     unstamped,
 )
-from tests.unit.evaluate.recordings import evidence, number, stamped
+from tests.unit.evaluate.recordings import evidence, number, poses, stamped
 
 
 def test_stamps_of_another_clock_are_no_latency() -> None:
@@ -168,6 +168,36 @@ def test_figures_of_two_frames_are_not_compared(frames: list[str], named_so: str
 def test_a_truth_without_a_frame_is_compared_with_any() -> None:
     truth = [in_frame(("/truth", at, stamped(at, at, 0.0)), "") for at in INPUTS]
     assert found(case([answer(at) for at in INPUTS], truth=truth), ERROR).outcome == "passed"
+
+
+def test_several_frames_of_one_topic_are_a_doubt_whatever_it_is_compared_with() -> None:
+    half = [in_frame(answer(at), "map" if at < 12 else "odom") for at in INPUTS]
+    bare = [("/truth", at, number(at)) for at in INPUTS]
+    cars = [in_frame(("/cars", at, poses(at, (at, 10.0))), "") for at in INPUTS]
+    error = ERROR["error"] | {"fields": ["pose.position.x"], "truthFields": ["data"]}
+    for measure, given in (
+        ({"error": error}, case(half, truth=bare)),
+        (GOAL, case(half)),
+        (KEEPS_AWAY, case(half + cars)),
+    ):
+        finding = found(given, measure)
+        assert finding.outcome == "invalid", finding
+        assert "/pose is in the frames map, odom: " in finding.message
+        [(kind, fields)] = measure.items()
+        assert found(given, {kind: fields | {"anyFrame": True}}).outcome == "passed"
+    turned = [("/pose", at, number(at)) for at in INPUTS]
+    truth = [in_frame(("/truth", *each[1:]), each[2].header.frame_id) for each in half]
+    swapped = error | {"fields": ["data"], "truthFields": ["pose.position.x"]}
+    assert "/truth is in the frames" in found(case(turned, truth=truth), {"error": swapped}).message
+
+
+@pytest.mark.parametrize("frames", [("", "map"), ("/map", "map")])
+def test_one_frame_is_one_also_where_some_messages_name_none(frames: tuple[str, str]) -> None:
+    given = [in_frame(answer(at), frames[n % 2]) for n, at in enumerate(INPUTS)]
+    bare = [("/truth", at, number(at)) for at in INPUTS]
+    error = ERROR["error"] | {"fields": ["pose.position.x"], "truthFields": ["data"]}
+    assert found(case(given, truth=bare), {"error": error}).outcome == "passed"
+    assert found(case(given), GOAL).outcome == "passed"
 
 
 # The window, and what comes after it.

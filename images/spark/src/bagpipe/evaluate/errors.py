@@ -9,7 +9,7 @@ from bagpipe.evaluate.evidence import Evidence, Sample
 from bagpipe.evaluate.fields import no_number, turned, yaw_of
 from bagpipe.evaluate.finding import Finding, NoEvidenceError, covering
 from bagpipe.evaluate.limits import bounded, of_all_bounds
-from bagpipe.evaluate.matching import Matched, Pair, matched, usual_step
+from bagpipe.evaluate.matching import Matched, Pair, matched, several_frames, usual_step
 from bagpipe.evaluate.model import Error, FinalPose
 from bagpipe.evaluate.window import TopicMessages, messages_of, samples, spread
 from bagpipe.texts import duration_nanoseconds
@@ -152,7 +152,11 @@ def distances_of(wanted: Error, evidence: Evidence) -> list[tuple[int, float]]:
 def final_pose(name: str, wanted: FinalPose, evidence: Evidence) -> Finding:
     """Metres from where the last pose must be. Raises NoEvidenceError for a type without a pose."""
     found = messages_of(wanted.topic, evidence)
-    last, at = _last(found, samples(found, evidence))
+    poses = samples(found, evidence)
+    apart = several_frames(poses, wanted.topic)
+    if apart and not wanted.any_frame:
+        raise NoEvidenceError(apart)
+    last, at = _last(found, poses)
     pose = pose_of(last.message)
     if pose is None:
         raise NoEvidenceError(

@@ -58,6 +58,8 @@ def matched(name: str, wanted: Error, evidence: Evidence) -> Matched:
     answers = samples(found, evidence)
     truth = truth_of(wanted, evidence)
     apart = frames_differ(answers, truth, wanted.topic, wanted.truth or "the truth")
+    apart = apart or several_frames(answers, wanted.topic)
+    apart = apart or several_frames(truth, wanted.truth or "the truth")
     if apart and not wanted.any_frame:
         raise NoEvidenceError(apart)
     foreign = wanted.recording and _of_another_clock(truth, evidence, most)
@@ -81,6 +83,19 @@ def matched(name: str, wanted: Error, evidence: Evidence) -> Matched:
     clock: Clock = "header" if found.fault else found.clock
     there = _there(wanted, truth, times, evidence, foreign=foreign)
     return Matched(pairs, len(answers), times, near, clock, odd, strays, there)
+
+
+def several_frames(messages: Sequence[Sample], topic: str) -> str:
+    """A sentence where messages of one topic name several frames; else nothing."""
+    headers = [getattr(each.message, "header", None) for each in messages]
+    # tf2 knows no leading slashes, tf writes them.
+    names = {str(each.frame_id).lstrip("/") for each in headers if each is not None} - {""}
+    if len(names) < 2:
+        return ""
+    return (
+        f"{topic} is in the frames {', '.join(sorted(names)[:3])}: what they say of places is"
+        " not of one frame; record one of them, or write anyFrame: true if they are the same"
+    )
 
 
 def _compared(

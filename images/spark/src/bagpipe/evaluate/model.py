@@ -212,6 +212,7 @@ class FinalPose(_Model):
     yaw: Bound | None = None
     max_distance: AboveZero
     max_yaw_error: AboveZero | None = None
+    any_frame: bool = False
     min_coverage: Share = 0.9
 
     @model_validator(mode="after")

@@ -10,6 +10,7 @@ from bagpipe.evaluate.evidence import Evidence, Sample
 from bagpipe.evaluate.fields import no_number
 from bagpipe.evaluate.finding import Clock, Finding, NoEvidenceError, covering
 from bagpipe.evaluate.limits import bounded, of_all_bounds
+from bagpipe.evaluate.matching import several_frames
 from bagpipe.evaluate.model import Separation
 from bagpipe.evaluate.way import Point, Way, drives
 from bagpipe.evaluate.window import frames_differ, messages_of, samples
@@ -148,6 +149,8 @@ def _met(wanted: Separation, evidence: Evidence) -> Met:
     obstacle_messages = messages_of(wanted.obstacles, evidence)
     ego, obstacles = samples(ego_messages, evidence), samples(obstacle_messages, evidence)
     apart = frames_differ(ego, obstacles, wanted.ego, wanted.obstacles)
+    apart = apart or several_frames(ego, wanted.ego)
+    apart = apart or several_frames(obstacles, wanted.obstacles)
     if apart and not wanted.any_frame:
         raise NoEvidenceError(apart)
     stamped = ego_messages.clock == obstacle_messages.clock == "header"
