@@ -223,6 +223,16 @@ def test_a_window_of_half_a_second_has_a_rate() -> None:
     assert (finding.outcome, finding.figure) == ("passed", 10.0)
 
 
+@pytest.mark.parametrize(
+    ("count", "length", "hertz"), [(7, 0.28, 25.0), (7, 5.6, 1.25), (3, 30.0, 0.1), (41, 8.2, 5.0)]
+)
+def test_a_rate_that_is_just_the_least_is_enough(count: int, length: float, hertz: float) -> None:
+    """7 / 0.28 is below 25 in binary."""
+    entries = plain(*(10 + n * length / count for n in range(count)))
+    finding = found("rate", entries, {"min": hertz, "max": hertz}, end=10 + length)
+    assert (finding.outcome, finding.figure) == ("passed", hertz)
+
+
 def test_a_rate_is_covered_but_for_the_longest_silence_beyond_its_usual_step() -> None:
     finding = found("rate", plain(10, 12, 14, 16), {"min": 0.1, "minCoverage": 0})
     # Of 4 s, 2.5 s are the rate's own step, and one millisecond is rounding.

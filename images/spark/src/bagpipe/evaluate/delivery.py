@@ -86,8 +86,8 @@ def rate(name: str, wanted: Rate, evidence: Evidence) -> Finding:
     own = _own(counted)
     if not counted and not (wanted.min or 0) > 0:
         raise NoEvidenceError(f"no message on {wanted.topic}: a stack that is silent shows no rate")
-    few = wanted.min is not None and len(own) / evidence.seconds < wanted.min
-    figure = len(own if few else counted) / evidence.seconds
+    few = wanted.min is not None and _hertz(len(own), evidence) < wanted.min
+    figure = _hertz(len(own if few else counted), evidence)
     if wanted.over == "worst":
         first = {each.identity: each.time for each in reversed(found.inside)}
         figure = _of_longest_gap(first.values(), evidence)
@@ -109,6 +109,11 @@ def rate(name: str, wanted: Rate, evidence: Evidence) -> Finding:
     return covering(
         finding, share, covered, found.clock, wanted.min_coverage, lasting=True, remedy=_REMEDY
     )
+
+
+def _hertz(count: int, evidence: Evidence) -> float:
+    # Of whole numbers, so that it is rounded once: 7 / 0.28 is below 25 in binary.
+    return count * 1_000_000_000 / (evidence.end - evidence.start)
 
 
 def _covering_gaps(finding: Finding, found: TopicMessages, least: float) -> Finding:
