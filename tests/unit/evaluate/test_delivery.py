@@ -244,14 +244,33 @@ def test_a_rate_is_covered_but_for_the_longest_silence_beyond_its_usual_step() -
     assert "look at when they came, or lower minCoverage" in doubt.message
 
 
-def test_a_latched_topic_and_receipts_of_mode_max_are_covered_as_they_speak() -> None:
+def test_receipts_of_mode_max_leave_open_what_a_rate_covers() -> None:
     wanted = {"min": 0.1, "minCoverage": 0}
-    latched = found("rate", plain(16), wanted, latching={"/t"})
-    assert (latched.figure, latched.coverage) == (0.1, 0.4)
     unpaced = found("rate", plain(16), wanted, paced=False)
     assert (unpaced.figure, unpaced.coverage) == (0.1, None)
     by_stamp = found("rate", with_stamps((16, 15)), wanted, paced=False)
     assert (by_stamp.clock, by_stamp.coverage) == ("header", 1.0)
+
+
+def test_a_latched_topic_that_dies_has_no_rate_and_no_latency_in_the_rest() -> None:
+    """What a latched message says holds on; that it came does not, as with a pose of amcl."""
+    half = with_stamps(*((10.02 + n / 10, 10 + n / 10) for n in range(50)))
+    for kind, wanted in (("rate", {"min": 5.0}), ("latency", {"max": "100ms"})):
+        for latching in ((), {"/t"}):
+            finding = found(kind, half, wanted, latching=latching)
+            assert finding.outcome == "invalid"
+            assert finding.coverage == pytest.approx(0.5, abs=0.02)
+    holds = {"topic": "/t", "field": "pose.position.y", "max": 1.0}
+    assert found("bounds", half, holds, latching={"/t"}).coverage == 1.0
+
+
+def test_a_latched_topic_that_goes_on_has_a_rate_and_a_latency() -> None:
+    entries = with_stamps(*((10.02 + n / 10, 10 + n / 10) for n in range(100)))
+    for kind, wanted in (("rate", {"min": 10.0}), ("latency", {"max": "100ms"})):
+        finding = found(kind, entries, wanted, latching={"/t"})
+        assert (finding.outcome, finding.coverage) == ("passed", 1.0)
+    once = found("latency", entries[:1], {"max": "100ms", "minCoverage": 0}, latching={"/t"})
+    assert once.outcome == "passed"
 
 
 @pytest.mark.parametrize(

@@ -10,14 +10,7 @@ from bagpipe.evaluate.evidence import Evidence, Received
 from bagpipe.evaluate.finding import Finding, NoEvidenceError, covering
 from bagpipe.evaluate.limits import bounded
 from bagpipe.evaluate.model import Latency, Presence, Rate
-from bagpipe.evaluate.window import (
-    TopicMessages,
-    backward,
-    messages_of,
-    over_window,
-    spread,
-    times_of,
-)
+from bagpipe.evaluate.window import TopicMessages, backward, coming_over, messages_of
 from bagpipe.texts import duration_seconds
 
 _REMEDY = "look at when they came, or lower minCoverage"
@@ -102,10 +95,7 @@ def rate(name: str, wanted: Rate, evidence: Evidence) -> Finding:
     if wanted.over == "worst":
         return _covering_gaps(finding, found, wanted.min_coverage)
     usual = (evidence.end - evidence.start) / max(1, len(own))
-    share: float | None = spread(times_of(found), evidence, wanted.min_coverage, usual)
-    covered = f"{len(own)} messages without a longer silence in {share:.0%} of the window"
-    if found.latching or (found.clock == "receipt" and not evidence.paced):
-        share, covered = over_window(found, evidence, wanted.min_coverage)
+    share, covered = coming_over(found, evidence, wanted.min_coverage, usual)
     return covering(
         finding, share, covered, found.clock, wanted.min_coverage, lasting=True, remedy=_REMEDY
     )
@@ -174,7 +164,7 @@ def latency(name: str, wanted: Latency, evidence: Evidence) -> Finding:
         duration_seconds(wanted.max),
         f"at percentile {wanted.percentile:g} of {len(delays)} messages on {wanted.topic}{slowed}",
     )
-    share, covered = over_window(found, evidence, wanted.min_coverage)
+    share, covered = coming_over(found, evidence, wanted.min_coverage)
     return covering(
         finding,
         share,

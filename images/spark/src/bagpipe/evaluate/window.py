@@ -212,20 +212,31 @@ def spread(times: Iterable[int], evidence: Evidence, least: float, usual: float 
 
 
 def over_window(found: TopicMessages, evidence: Evidence, least: float) -> tuple[float | None, str]:
-    """How much of the window a topic's messages speak for, as a share and in words."""
+    """How much of the window a topic's messages speak for, as a share and in words; a latched one
+    holds until the next.
+    """
     times = times_of(found)
-    # In mode max bag time runs ahead of the stack: when a message came does not show what it
-    # covers, unless it is one that was in force from the start on.
-    unknown = found.clock == "receipt" and not evidence.paced
-    if unknown and not (found.latching and min(times, default=evidence.end) <= evidence.start):
-        return None, f"{len(times)} messages, whose times mode max leaves open"
-    if found.latching and times:
+    # When a message came may not show what it covers: not of one that was in force at the start.
+    known = evidence.paced or found.clock == "header" or min(times, default=0) <= evidence.start
+    if found.latching and known:
         held = evidence.end - max(min(times), evidence.start)
         share = max(0.0, held / max(1, evidence.end - evidence.start))
         return share, f"{len(times)} latched messages, in force for {share:.0%} of the window"
-    share = spread(times, evidence, least)
-    covered = f"{len(times)} messages without a longer silence in {share:.0%} of the window"
-    return share, covered
+    return coming_over(found, evidence, least)
+
+
+def coming_over(
+    found: TopicMessages, evidence: Evidence, least: float, usual: float = 0.0
+) -> tuple[float | None, str]:
+    """In how much of the window messages came, as a share and in words; latched ones are like
+    others.
+    """
+    times = times_of(found)
+    # In mode max bag time runs ahead of the stack.
+    if found.clock == "receipt" and not evidence.paced:
+        return None, f"{len(times)} messages, whose times mode max leaves open"
+    share = spread(times, evidence, least, usual)
+    return share, f"{len(times)} messages without a longer silence in {share:.0%} of the window"
 
 
 def _since(time: int, evidence: Evidence) -> str:
