@@ -165,6 +165,40 @@ def test_repeated_messages_fill_no_gap() -> None:
     assert (enough.outcome, enough.figure) == ("passed", 2.0)
 
 
+def test_in_mode_max_the_longest_gap_is_one_of_stamps() -> None:
+    """Bag time runs ahead of the stack: all that it answers may come at the window's end."""
+    wanted = {"min": 5.0, "over": "worst"}
+    all_at_the_end = with_stamps(*((19.9 + n / 2000, 10 + n / 10) for n in range(100)))
+    finding = found("rate", all_at_the_end, wanted, paced=False)
+    assert (finding.outcome, finding.clock, finding.coverage) == ("passed", "header", 1.0)
+    assert finding.figure == pytest.approx(10.0)
+    after = with_stamps(*((19.9 + n / 100, 10 + n / 10) for n in range(100)))
+    assert found("rate", after, wanted, paced=False).outcome == "passed"
+    gap = found("rate", all_at_the_end[:40] + all_at_the_end[45:], wanted, paced=False)
+    assert (gap.outcome, gap.figure) == ("failed", pytest.approx(1 / 0.6))
+    dead = found("rate", all_at_the_end[:50], wanted, paced=False)
+    assert (dead.outcome, dead.figure) == ("failed", pytest.approx(1 / 5.1))
+    assert finding.course is not None
+    assert {round(hertz, 3) for _, hertz in finding.course["points"]} == {10.0}
+    # Paced, the same is a gap of almost the whole window.
+    assert found("rate", all_at_the_end, wanted).figure == pytest.approx(1 / 9.9)
+
+
+def test_in_mode_max_a_stamp_from_before_the_window_begins_no_gap() -> None:
+    entries = with_stamps((10.5, 5.0), *((11.0 + n, 10.0 + n) for n in range(10)))
+    finding = found("rate", entries, {"min": 1.0, "over": "worst"}, paced=False)
+    assert (finding.outcome, finding.figure) == ("passed", 1.0)
+
+
+def test_in_mode_max_no_gap_is_known_without_stamps() -> None:
+    wanted = {"min": 5.0, "over": "worst"}
+    for times in ([19.9] * 100, [10 + n / 10 for n in range(100)], [20.5] * 100):
+        finding = found("rate", plain(*times), wanted, paced=False)
+        assert finding.outcome == "invalid"
+        assert finding.message.startswith("mode max leaves open when messages on /t were published")
+    assert found("rate", [], wanted, paced=False).outcome == "failed"
+
+
 @pytest.mark.parametrize("over", ["window", "worst"])
 def test_a_topic_that_is_silent_fails_and_shows_no_known_fault(over: str) -> None:
     wanted = {"topic": "/t", "min": 5.0, "over": over}

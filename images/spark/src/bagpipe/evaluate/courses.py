@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from bagpipe.evaluate.delivery import counted_by_presence
+from bagpipe.evaluate.delivery import counted_by_presence, moments_of
 from bagpipe.evaluate.errors import distances_of, pose_of
 from bagpipe.evaluate.evidence import Evidence
 from bagpipe.evaluate.fields import number_at
@@ -174,7 +174,8 @@ def _expression(wanted: Any, evidence: Evidence) -> _Plotted:
 
 
 def _rate(wanted: Any, evidence: Evidence) -> _Plotted:
-    pairs = itertools.pairwise(each.time for each in messages_of(wanted.topic, evidence).inside)
+    moments = moments_of(messages_of(wanted.topic, evidence), evidence)
+    pairs = itertools.pairwise(time for time, _ in moments)
     course = [(after, 1e9 / (after - before)) for before, after in pairs if after > before]
     label = f"{wanted.topic}, 1 / time since the last"
     return _Plotted(label, "Hz", wanted.min, wanted.max, course)

@@ -5,9 +5,10 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from fractions import Fraction
+from operator import itemgetter
 
 from bagpipe.evaluate.evidence import Evidence, Received
-from bagpipe.evaluate.finding import Finding, NoEvidenceError, covering
+from bagpipe.evaluate.finding import Clock, Finding, NoEvidenceError, covering
 from bagpipe.evaluate.limits import bounded
 from bagpipe.evaluate.model import Latency, Presence, Rate
 from bagpipe.evaluate.window import TopicMessages, backward, coming_over, messages_of
@@ -79,21 +80,21 @@ def rate(name: str, wanted: Rate, evidence: Evidence) -> Finding:
     own = _own(counted)
     if not counted and not (wanted.min or 0) > 0:
         raise NoEvidenceError(f"no message on {wanted.topic}: a stack that is silent shows no rate")
-    few = wanted.min is not None and _hertz(len(own), evidence) < wanted.min
-    figure = _hertz(len(own if few else counted), evidence)
-    if wanted.over == "worst":
-        first = {each.identity: each.time for each in reversed(found.inside)}
-        figure = _of_longest_gap(first.values(), evidence)
-        if wanted.min is None or figure >= wanted.min:
-            figure = _of_longest_gap((each.time for each in found.inside), evidence)
+    moments = moments_of(found, evidence) if wanted.over == "worst" else None
+    if moments is None:
+        few = wanted.min is not None and _hertz(len(own), evidence) < wanted.min
+        figure = _hertz(len(own if few else counted), evidence)
+    else:
+        figure = _worst(wanted, moments, evidence)
     finding = bounded(
         Finding(name, "rate", "passed", figure, "Hz", direction=_better_rate(wanted)),
         wanted.min,
         wanted.max,
         f"on {wanted.topic}{_repeated(counted, own)}{_more_after(found)}",
     )
-    if wanted.over == "worst":
-        return _covering_gaps(finding, found, wanted.min_coverage)
+    if moments is not None:
+        clock: Clock = "receipt" if evidence.paced else found.clock
+        return _covering_gaps(finding, moments, clock, wanted.min_coverage)
     usual = (evidence.end - evidence.start) / max(1, len(own))
     share, covered = coming_over(found, evidence, wanted.min_coverage, usual)
     return covering(
@@ -106,11 +107,40 @@ def _hertz(count: int, evidence: Evidence) -> float:
     return count * 1_000_000_000 / (evidence.end - evidence.start)
 
 
-def _covering_gaps(finding: Finding, found: TopicMessages, least: float) -> Finding:
+def _worst(wanted: Rate, moments: Sequence[tuple[int, Received]], evidence: Evidence) -> float:
+    """Hertz of the longest gap; towards a least rate a message that repeats another fills none."""
+    first = {each.identity: time for time, each in reversed(moments)}
+    figure = _of_longest_gap(first.values(), evidence)
+    if wanted.min is None or figure >= wanted.min:
+        figure = _of_longest_gap((time for time, _ in moments), evidence)
+    return figure
+
+
+def moments_of(found: TopicMessages, evidence: Evidence) -> list[tuple[int, Received]]:
+    """The messages between which gaps are looked for, in order, with their times in ns.
+
+    Raises NoEvidenceError where nothing shows these.
+    """
+    if evidence.paced:
+        return [(each.time, each) for each in found.inside]
+    if found.clock == "receipt" and (found.inside or found.others):
+        raise NoEvidenceError(
+            found.fault
+            or f"mode max leaves open when messages on {found.topic} were published, and so how"
+            " long its gaps are: let the stack stamp them, or play in another mode"
+        )
+    # Bag time runs ahead of the stack there: a receipt is no time of what it answers.
+    stamped = [(each.stamp or 0, each) for each in found.answers]
+    return sorted((m for m in stamped if m[0] >= evidence.start), key=itemgetter(0))
+
+
+def _covering_gaps(
+    finding: Finding, moments: Sequence[object], clock: Clock, least: float
+) -> Finding:
     """Of a topic that is silent throughout no gap is seen that a known fault would make."""
-    if not found.inside:
-        return covering(finding, 0.0, "no message", "receipt", least, lasting=True)
-    return covering(finding, 1.0, "the whole window", "receipt", 0.0)
+    if not moments:
+        return covering(finding, 0.0, "no message", clock, least, lasting=True)
+    return covering(finding, 1.0, "the whole window", clock, 0.0)
 
 
 def _better_rate(wanted: Rate) -> str:
