@@ -70,6 +70,75 @@ def test_stamps_after_2038_are_times_like_others() -> None:
     assert found(given, stamp).outcome == "passed"
 
 
+BELOW_9 = {"bounds": {"topic": "/pose", "field": "pose.position.x", "max": 9.0}}
+BELOW_9_HOLDS = {"expression": {"topic": "/pose", "holds": "msg.pose.position.x < 9.0"}}
+NO_STAMP = answer(31.0, stamp=0.0, x=0.0)
+
+
+@pytest.mark.parametrize("measure", [BELOW_9, BELOW_9_HOLDS], ids=named)
+@pytest.mark.parametrize("bad", [[], [NO_STAMP], [answer(12.345, stamp=500.0, x=0.0)]])
+def test_one_bad_stamp_hides_no_answer_that_is_late(measure: Any, bad: list[Any]) -> None:
+    """A stack at half the pace of its inputs, whose late answers are wrong."""
+    early = [answer(at, late=at - 10, x=0.0) for at in INPUTS[:25]]
+    wrong = [answer(at, late=at - 10, x=999.0) for at in INPUTS[25:]]
+    assert found(case(early + wrong + bad), measure).outcome == "failed"
+
+
+def test_one_bad_stamp_hides_no_last_pose_that_is_late() -> None:
+    late = answer(14.95, late=0.6, x=500.0)
+    for bad in ([], [answer(15.6, stamp=0.0)], [answer(12.345, stamp=500.0)]):
+        finding = found(case([*RIGHT, late, *bad]), GOAL)
+        assert (finding.outcome, finding.figure) == ("failed", pytest.approx(485.1))
+
+
+def test_a_bad_stamp_after_the_end_is_of_nobody_s_message() -> None:
+    """What a node says while it is shut down takes the stamps of all before from none."""
+    for measure in (LATENCY, RATE, PRESENCE, BOUNDS, HOLDS, ERROR, GOAL):
+        finding = found(case([*RIGHT, NO_STAMP]), measure)
+        assert (finding.outcome, finding.clock) == ("passed", "header")
+    assert found(case([*RIGHT, *unstamped([15.2])]), LATENCY).outcome == "passed"
+
+
+def test_all_bad_stamps_after_the_end_are_named_where_nothing_came_before_it() -> None:
+    wall = [answer(at, late=6.0, stamp=at + 3300 * DAY) for at in INPUTS]
+    finding = found(case(wall), LATENCY)
+    assert "50 of 50 messages on /pose are stamped later than they came" in finding.message
+    assert found(case(wall), PRESENCE).outcome == "invalid"
+
+
+@pytest.mark.parametrize("share", [0.5, 0.76])
+def test_where_a_stamp_is_bad_the_others_still_show_what_was_answered(share: float) -> None:
+    """A stack that answers the first inputs alone, over the whole window."""
+    inputs = [10 + n * share / 10 for n in range(50)]
+    slow = [answer(at, late=(at - 10) * (1 / share - 1)) for at in inputs]
+    finding = found(case([*slow, answer(12.3, stamp=500.0)]), BOUNDS)
+    assert finding.outcome == ("invalid" if share < 0.75 else "passed")
+    assert finding.coverage == pytest.approx(share, abs=0.02)
+    assert finding.clock == "receipt"
+    goal = {"finalPose": {"topic": "/pose", "position": [inputs[-1], 0.0], "maxDistance": 1}}
+    last = found(case([*slow, answer(12.3, stamp=500.0)]), goal)
+    assert last.outcome == "invalid"
+    assert last.coverage == pytest.approx(share, abs=0.02)
+    rate = found(case([*slow, answer(12.3, stamp=500.0)]), RATE)
+    assert rate.outcome == finding.outcome
+    assert rate.coverage == pytest.approx(share, abs=0.02)
+
+
+def test_where_all_stamps_are_bad_receipts_show_what_was_answered() -> None:
+    """Of a wall clock, and empty ones of a node that has no time yet."""
+    for off in (3300 * DAY, None):
+        wall = [answer(at, stamp=0.0 if off is None else at + off) for at in INPUTS]
+        for measure in (RATE, PRESENCE, BOUNDS, HOLDS, GOAL):
+            finding = found(case(wall), measure)
+            assert (finding.outcome, finding.clock) == ("passed", "receipt")
+    # As of a node that has its clock from the third message on only.
+    mixed = [answer(at, stamp=0.0 if n < 2 else at) for n, at in enumerate(INPUTS)]
+    for measure in (RATE, PRESENCE, BOUNDS, HOLDS, GOAL):
+        finding = found(case(mixed), measure)
+        assert finding.outcome == "passed"
+        assert (finding.coverage or 0) >= 0.98
+
+
 def test_a_node_s_rounding_of_a_stamp_is_no_negative_delay() -> None:
     rounded = [answer(at, late=0.0, stamp=at + 0.0005) for at in INPUTS]
     assert found(case(rounded), LATENCY).outcome == "passed"

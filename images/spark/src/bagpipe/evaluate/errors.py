@@ -11,7 +11,7 @@ from bagpipe.evaluate.finding import Finding, NoEvidenceError, covering
 from bagpipe.evaluate.limits import bounded, of_all_bounds
 from bagpipe.evaluate.matching import Matched, Pair, matched, several_frames, usual_step
 from bagpipe.evaluate.model import Error, FinalPose
-from bagpipe.evaluate.window import TopicMessages, messages_of, samples, spread
+from bagpipe.evaluate.window import TopicMessages, messages_of, samples, spread, stamp_of
 from bagpipe.texts import duration_nanoseconds
 
 # Fewer pairs are no evidence of the errors over time; one pair is enough for the last error.
@@ -156,7 +156,7 @@ def final_pose(name: str, wanted: FinalPose, evidence: Evidence) -> Finding:
     apart = several_frames(poses, wanted.topic)
     if apart and not wanted.any_frame:
         raise NoEvidenceError(apart)
-    last, at = _last(found, poses)
+    last, at = _last(found, poses, evidence)
     pose = pose_of(last.message)
     if pose is None:
         raise NoEvidenceError(
@@ -175,10 +175,12 @@ def final_pose(name: str, wanted: FinalPose, evidence: Evidence) -> Finding:
     )
 
 
-def _last(found: TopicMessages, answers: list[Sample]) -> tuple[Sample, int]:
+def _last(found: TopicMessages, answers: list[Sample], evidence: Evidence) -> tuple[Sample, int]:
     """The last pose and its time, by the topic's clock."""
     if found.clock == "receipt":
-        return answers[-1], answers[-1].time
+        # Its own stamp, if that can be true, is that of what it answers, whatever others' are.
+        stamp = stamp_of(answers[-1], evidence)
+        return answers[-1], answers[-1].time if stamp is None else stamp
     at, _, last = max((each.stamp or 0, number, each) for number, each in enumerate(answers))
     return last, at
 

@@ -27,7 +27,7 @@ _DAY = 86_400 * _SECOND
 class TopicMessages:
     """The messages of one topic. `fault` says what is wrong with their stamps.
 
-    With the clock `header` all of them have stamps that can be true.
+    With the clock `header` all that were received in the window have stamps that can be true.
     """
 
     topic: str
@@ -56,20 +56,22 @@ def messages_of(topic: str, evidence: Evidence, ahead: int = ROUNDING) -> TopicM
     received = evidence.recorded.received(topic)
     inside = [each for each in received if each.time < evidence.end]
     after = [each for each in received if each.time >= evidence.end]
-    fault = stamp_fault(topic, received, evidence, ahead)
-    if fault or not received or any(each.stamp is None for each in received):
-        return TopicMessages(topic, inside, [], after, "receipt", fault)
+    # A message from after the end, as of a node's shutdown, takes their clock from none before it.
+    deciding = inside or after
+    fault = stamp_fault(topic, deciding, evidence, ahead)
+    unknown = fault or not deciding or any(each.stamp is None for each in deciding)
     # Without a lead-in there is nothing else that an older stamp could belong to.
     begin = evidence.start if evidence.led_in else evidence.start - _LONGEST_BEFORE
     known = {each.stamp for each in inside}
     late, others = [], []
     for each in after:
-        if each.stamp not in known and begin <= (each.stamp or 0) < evidence.end:
+        stamp = stamp_of(each, evidence, ahead)
+        if stamp is not None and stamp not in known and begin <= stamp < evidence.end:
             late.append(each)
-            known.add(each.stamp)
+            known.add(stamp)
         else:
             others.append(each)
-    return TopicMessages(topic, inside, late, others, "header", "")
+    return TopicMessages(topic, inside, late, others, "receipt" if unknown else "header", fault)
 
 
 def samples(found: TopicMessages, evidence: Evidence) -> list[Sample]:
@@ -96,8 +98,7 @@ def stamp_fault(
     """A sentence where stamps can't be times of this recording; else nothing."""
     begin = begin_of(evidence)
     stamped = [(each.time, each.stamp) for each in received if each.stamp is not None]
-    # A simulated drive may begin with second 0.
-    empty = sum(1 for _, stamp in stamped if stamp == 0 and begin >= _SECOND)
+    empty = sum(1 for _, stamp in stamped if _empty(stamp, begin))
     if empty:
         return f"{empty} messages on {topic} have an empty header.stamp"
     odd = [each for each in stamped if not credible(*each, begin, ahead)]
@@ -118,6 +119,19 @@ def stamp_fault(
             " /use_sim_time set for the node, and are the recording's own stamps of its time?"
         )
     return ""
+
+
+def stamp_of(each: Received | Sample, evidence: Evidence, ahead: int = ROUNDING) -> int | None:
+    """A message's stamp where it can be true, else None."""
+    begin = begin_of(evidence)
+    if each.stamp is None or _empty(each.stamp, begin):
+        return None
+    return each.stamp if credible(each.time, each.stamp, begin, ahead) else None
+
+
+def _empty(stamp: int, begin: int) -> bool:
+    # A simulated drive may begin with second 0.
+    return stamp == 0 and begin >= _SECOND
 
 
 def begin_of(evidence: Evidence) -> int:
@@ -189,6 +203,14 @@ def times_of(found: TopicMessages) -> list[int]:
     return [each.time for each in found.answers]
 
 
+def _own_times(found: TopicMessages, evidence: Evidence) -> list[int]:
+    """By the stamp of each message, or by its receipt where that can't be true: beside one bad
+    stamp the others still show what was answered.
+    """
+    stamps = [(each, stamp_of(each, evidence)) for each in found.answers]
+    return [each.time if stamp is None else stamp for each, stamp in stamps]
+
+
 def spread(times: Iterable[int], evidence: Evidence, least: float, usual: float = 0.0) -> float:
     """The share of the window that messages speak for: all of it but the longest silence.
 
@@ -236,6 +258,8 @@ def coming_over(
     if found.clock == "receipt" and not evidence.paced:
         return None, f"{len(times)} messages, whose times mode max leaves open"
     share = spread(times, evidence, least, usual)
+    if found.clock == "receipt":
+        share = min(share, spread(_own_times(found, evidence), evidence, least, usual))
     return share, f"{len(times)} messages without a longer silence in {share:.0%} of the window"
 
 
