@@ -88,7 +88,8 @@ def test_one_bad_stamp_hides_no_last_pose_that_is_late() -> None:
     late = answer(14.95, late=0.6, x=500.0)
     for bad in ([], [answer(15.6, stamp=0.0)], [answer(12.345, stamp=500.0)]):
         finding = found(case([*RIGHT, late, *bad]), GOAL)
-        assert (finding.outcome, finding.figure) == ("failed", pytest.approx(485.1))
+        assert finding.outcome == "failed"
+        assert finding.figure == pytest.approx(485.1)
 
 
 def test_a_bad_stamp_after_the_end_is_of_nobody_s_message() -> None:

@@ -11,7 +11,7 @@ from bagpipe.evaluate.evidence import Evidence, Received
 from bagpipe.evaluate.finding import Clock, Finding, NoEvidenceError, covering
 from bagpipe.evaluate.limits import bounded
 from bagpipe.evaluate.model import Latency, Presence, Rate
-from bagpipe.evaluate.window import TopicMessages, backward, coming_over, messages_of
+from bagpipe.evaluate.window import ROUNDING, TopicMessages, backward, coming_over, messages_of
 from bagpipe.texts import duration_seconds
 
 _REMEDY = "look at when they came, or lower minCoverage"
@@ -31,7 +31,7 @@ def presence(name: str, wanted: Presence, evidence: Evidence) -> Finding:
         Finding(name, "presence", "passed", float(count), "messages"),
         float(wanted.min),
         None if wanted.max is None or len(found.answers) <= wanted.max else float(wanted.max),
-        f"on {wanted.topic}{_repeated(least, own)}",
+        f"on {wanted.topic}{_repeated(least, own)}{_of_lead_in(found)}",
     )
     late = len(least) - len(found.answers)
     share = 1.0 if not least else len(found.answers) / len(least)
@@ -76,10 +76,13 @@ def rate(name: str, wanted: Rate, evidence: Evidence) -> Finding:
     found = messages_of(wanted.topic, evidence)
     if evidence.seconds <= 0:
         raise NoEvidenceError("the case's window has no length")
-    counted = _counted(found, evidence)
+    counted = found.answers
     own = _own(counted)
     if not counted and not (wanted.min or 0) > 0:
-        raise NoEvidenceError(f"no message on {wanted.topic}: a stack that is silent shows no rate")
+        besides = _of_lead_in(found)
+        raise NoEvidenceError(
+            f"no message on {wanted.topic}{besides}: a stack that is silent shows no rate"
+        )
     moments = moments_of(found, evidence) if wanted.over == "worst" else None
     if moments is None:
         few = wanted.min is not None and _hertz(len(own), evidence) < wanted.min
@@ -90,11 +93,10 @@ def rate(name: str, wanted: Rate, evidence: Evidence) -> Finding:
         Finding(name, "rate", "passed", figure, "Hz", direction=_better_rate(wanted)),
         wanted.min,
         wanted.max,
-        f"on {wanted.topic}{_repeated(counted, own)}{_more_after(found)}",
+        f"on {wanted.topic}{_repeated(counted, own)}{_besides(found)}",
     )
     if moments is not None:
-        clock: Clock = "receipt" if evidence.paced else found.clock
-        return _covering_gaps(finding, moments, clock, wanted.min_coverage)
+        return _covering_gaps(finding, moments, found, evidence, wanted.min_coverage)
     usual = (evidence.end - evidence.start) / max(1, len(own))
     share, covered = coming_over(found, evidence, wanted.min_coverage, usual)
     return covering(
@@ -122,7 +124,10 @@ def moments_of(found: TopicMessages, evidence: Evidence) -> list[tuple[int, Rece
     Raises NoEvidenceError where nothing shows these.
     """
     if evidence.paced:
-        return [(each.time, each) for each in found.inside]
+        # Until a slow stack answers the window, what it answers to the lead-in is no silence.
+        first = found.inside[0].time if found.inside else evidence.start
+        until = [each for each in found.early if each.time < first]
+        return [(each.time, each) for each in until + found.inside]
     if found.clock == "receipt" and (found.inside or found.others):
         raise NoEvidenceError(
             found.fault
@@ -130,17 +135,26 @@ def moments_of(found: TopicMessages, evidence: Evidence) -> list[tuple[int, Rece
             " long its gaps are: let the stack stamp them, or play in another mode"
         )
     # Bag time runs ahead of the stack there: a receipt is no time of what it answers.
-    stamped = [(each.stamp or 0, each) for each in found.answers]
-    return sorted((m for m in stamped if m[0] >= evidence.start), key=itemgetter(0))
+    stamped = [((each.stamp or 0) + found.behind, each) for each in found.answers]
+    return sorted((m for m in stamped if m[0] >= evidence.start - ROUNDING), key=itemgetter(0))
 
 
 def _covering_gaps(
-    finding: Finding, moments: Sequence[object], clock: Clock, least: float
+    finding: Finding,
+    moments: Sequence[object],
+    found: TopicMessages,
+    evidence: Evidence,
+    least: float,
 ) -> Finding:
-    """Of a topic that is silent throughout no gap is seen that a known fault would make."""
+    clock: Clock = "receipt" if evidence.paced else found.clock
+    # Of a topic that is silent throughout no gap is seen that a known fault would make.
     if not moments:
         return covering(finding, 0.0, "no message", clock, least, lasting=True)
-    return covering(finding, 1.0, "the whole window", clock, 0.0)
+    if not found.early:
+        return covering(finding, 1.0, "the whole window", clock, 0.0)
+    usual = (evidence.end - evidence.start) / len(moments)
+    share, covered = coming_over(found, evidence, least, usual)
+    return covering(finding, share, covered, clock, least, lasting=True, remedy=_REMEDY)
 
 
 def _better_rate(wanted: Rate) -> str:
@@ -156,20 +170,14 @@ def _of_longest_gap(times: Iterable[int], evidence: Evidence) -> float:
     return 1e9 / max(after - before for before, after in itertools.pairwise(edges))
 
 
-def _counted(found: TopicMessages, evidence: Evidence) -> list[Received]:
-    """The window's messages by receipt or by stamp, whichever are more.
-
-    A slow stack answers in the window what belongs to the lead-in, and after it what belongs to
-    the window.
-    """
-    if found.clock == "receipt":
-        return found.inside
-    stamped = [e for e in found.answers if not evidence.led_in or (e.stamp or 0) >= evidence.start]
-    return stamped if len(stamped) > len(found.inside) else found.inside
+def _besides(found: TopicMessages) -> str:
+    """What came on the topic, and is none of the window's."""
+    after = f", {len(found.others)} more after the window's end" if found.others else ""
+    return _of_lead_in(found) + after
 
 
-def _more_after(found: TopicMessages) -> str:
-    return f", {len(found.others)} more after the window's end" if found.others else ""
+def _of_lead_in(found: TopicMessages) -> str:
+    return f", beside {len(found.early)} of the lead-in" if found.early else ""
 
 
 def latency(name: str, wanted: Latency, evidence: Evidence) -> Finding:

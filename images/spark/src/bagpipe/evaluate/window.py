@@ -7,7 +7,7 @@ to the input that it answers, which its stamp names, or to none.
 import itertools
 import statistics
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from bagpipe.evaluate.evidence import Evidence, Received, Sample
@@ -20,6 +20,8 @@ ROUNDING = 1_000_000
 _LONGEST_BEFORE = 60 * _SECOND
 # Between messages: of fewer steps none can be called usual.
 _LEAST_STEPS = 3
+# Of a sensor, or of what takes several of its messages together, from its stamp to its recording.
+_MOST_BEHIND = _SECOND
 _DAY = 86_400 * _SECOND
 
 
@@ -36,6 +38,10 @@ class TopicMessages:
     others: list[Received]  # received after its end, and nobody's
     clock: Clock
     fault: str
+    # Received in the window, and stamped in the lead-in.
+    early: list[Received] = field(default_factory=list)
+    # How many ns the stamps are before the times at which the inputs were recorded.
+    behind: int = 0
 
     @property
     def answers(self) -> list[Received]:
@@ -54,24 +60,47 @@ def messages_of(topic: str, evidence: Evidence, ahead: int = ROUNDING) -> TopicM
     `ahead` is how many ns a stamp may be later than its message's receipt.
     """
     received = evidence.recorded.received(topic)
-    inside = [each for each in received if each.time < evidence.end]
+    came = [each for each in received if each.time < evidence.end]
     after = [each for each in received if each.time >= evidence.end]
     # A message from after the end, as of a node's shutdown, takes their clock from none before it.
-    deciding = inside or after
+    deciding = came or after
     fault = stamp_fault(topic, deciding, evidence, ahead)
     unknown = fault or not deciding or any(each.stamp is None for each in deciding)
+    stamps = {id(each): stamp_of(each, evidence, ahead) for each in received}
+    behind = _behind([each.stamp for each in received if each.stamp is not None], evidence)
     # Without a lead-in there is nothing else that an older stamp could belong to.
-    begin = evidence.start if evidence.led_in else evidence.start - _LONGEST_BEFORE
+    before = behind + ROUNDING if evidence.led_in else _LONGEST_BEFORE
+    begin = evidence.start - before
+    inside: list[Received] = []
+    early: list[Received] = []
+    for each in came:
+        stamp = stamps[id(each)]
+        (inside if stamp is None or stamp >= begin else early).append(each)
     known = {each.stamp for each in inside}
-    late, others = [], []
+    late: list[Received] = []
+    others: list[Received] = []
     for each in after:
-        stamp = stamp_of(each, evidence, ahead)
-        if stamp is not None and stamp not in known and begin <= stamp < evidence.end:
-            late.append(each)
-            known.add(stamp)
-        else:
-            others.append(each)
-    return TopicMessages(topic, inside, late, others, "receipt" if unknown else "header", fault)
+        stamp = stamps[id(each)]
+        answers = stamp is not None and begin <= stamp < evidence.end
+        (late if answers and stamp not in known else others).append(each)
+        known.add(stamp)
+    clock: Clock = "receipt" if unknown else "header"
+    return TopicMessages(topic, inside, late, others, clock, fault, early, behind)
+
+
+def _behind(stamps: list[int], evidence: Evidence) -> int:
+    """A sensor's message may be stamped a while before it was recorded, and so its answer is. As
+    inputs come up to the window's end, it is by how much the stamps end before that.
+    """
+    inside = sorted({each for each in stamps if evidence.start <= each < evidence.end})
+    steps = sorted(after - before for before, after in itertools.pairwise(inside))
+    if len(steps) < _LEAST_STEPS:
+        return 0
+    # A step that is hardly ever longer: of messages in bursts the median is none between them.
+    short = evidence.end - inside[-1] - steps[len(steps) * 9 // 10]
+    # Whose answers end sooner has lost some, or answers no more.
+    most = min(_MOST_BEHIND, (evidence.end - evidence.start) // 10)
+    return short if 0 < short <= most else 0
 
 
 def samples(found: TopicMessages, evidence: Evidence) -> list[Sample]:
@@ -85,11 +114,23 @@ def samples(found: TopicMessages, evidence: Evidence) -> list[Sample]:
     chosen = [sample for sample, each in zip(decoded, received, strict=True) if id(each) in answers]
     if not chosen:
         raise NoEvidenceError(
-            f"no message on {found.topic} belongs to the case's window: all {len(received)} came"
-            f" after its end, {'with stamps outside of it' if found.clock == 'header' else ''}"
-            f"{'' if found.clock == 'header' else 'and no stamp shows what they answer'}"
+            f"no message on {found.topic} belongs to the case's window: {_elsewhere(found)}"
         )
     return chosen
+
+
+def _elsewhere(found: TopicMessages) -> str:
+    """Why none of a topic's messages belongs to the window."""
+    early, after = len(found.early), len(found.others)
+    why = "with stamps outside of it"
+    if found.clock == "receipt":
+        why = "and no stamp shows what they answer"
+    if not early:
+        return f"all {after} came after its end, {why}"
+    if not after:
+        return f"all {early} are stamped in the lead-in"
+    of = early + after
+    return f"{early} of {of} are stamped in the lead-in, {after} came after its end, {why}"
 
 
 def stamp_fault(
