@@ -11,7 +11,14 @@ from bagpipe.evaluate.evidence import Evidence, Received
 from bagpipe.evaluate.finding import Clock, Finding, NoEvidenceError, covering
 from bagpipe.evaluate.limits import bounded
 from bagpipe.evaluate.model import Latency, Presence, Rate
-from bagpipe.evaluate.window import ROUNDING, TopicMessages, backward, coming_over, messages_of
+from bagpipe.evaluate.window import (
+    ROUNDING,
+    TopicMessages,
+    backward,
+    coming_over,
+    messages_of,
+    refuse_timeless,
+)
 from bagpipe.texts import duration_seconds
 
 _REMEDY = "look at when they came, or lower minCoverage"
@@ -128,12 +135,7 @@ def moments_of(found: TopicMessages, evidence: Evidence) -> list[tuple[int, Rece
         first = found.inside[0].time if found.inside else evidence.start
         until = [each for each in found.early if each.time < first]
         return [(each.time, each) for each in until + found.inside]
-    if found.clock == "receipt" and (found.inside or found.others):
-        raise NoEvidenceError(
-            found.fault
-            or f"mode max leaves open when messages on {found.topic} were published, and so how"
-            " long its gaps are: let the stack stamp them, or play in another mode"
-        )
+    refuse_timeless(found, evidence, "how long its gaps are")
     # Bag time runs ahead of the stack there: a receipt is no time of what it answers.
     stamped = [((each.stamp or 0) + found.behind, each) for each in found.answers]
     return sorted((m for m in stamped if m[0] >= evidence.start - ROUNDING), key=itemgetter(0))

@@ -11,7 +11,14 @@ from bagpipe.evaluate.finding import Finding, NoEvidenceError, covering
 from bagpipe.evaluate.limits import bounded, of_all_bounds
 from bagpipe.evaluate.matching import Matched, Pair, matched, several_frames, usual_step
 from bagpipe.evaluate.model import Error, FinalPose
-from bagpipe.evaluate.window import TopicMessages, messages_of, samples, spread, stamp_of
+from bagpipe.evaluate.window import (
+    TopicMessages,
+    messages_of,
+    refuse_timeless,
+    samples,
+    spread,
+    stamp_of,
+)
 from bagpipe.texts import duration_nanoseconds
 
 # Fewer pairs are no evidence of the errors over time; one pair is enough for the last error.
@@ -39,6 +46,7 @@ def error(name: str, wanted: Error, evidence: Evidence) -> Finding:
     covered = _coverage(wanted, found, evidence)
     if found.odd is not None:
         return covering(found.odd, covered.share, covered.words, found.clock, 0.0)
+    _refuse_timeless(wanted, found, evidence)
     if len(found.pairs) < (1 if wanted.metric == "final" else _LEAST_PAIRS):
         raise NoEvidenceError(
             f"{len(found.pairs)} of {found.answers} messages on {wanted.topic} have a truth within"
@@ -67,6 +75,16 @@ def error(name: str, wanted: Error, evidence: Evidence) -> Finding:
         f" two: of a truth that comes once write `metric: final`; {finding.message}"
     )
     return replace(finding, outcome="invalid", message=message)
+
+
+def _refuse_timeless(wanted: Error, found: Matched, evidence: Evidence) -> None:
+    """Raises NoEvidenceError where no time of answers, or of a truth that the stack says, is known:
+    that of the recording has its own.
+    """
+    answers = [wanted.topic] if found.clock == "receipt" else []
+    truth = [] if wanted.recording else [wanted.truth or wanted.topic]
+    for topic in answers + truth:
+        refuse_timeless(messages_of(topic, evidence), evidence, "to which sample one belongs")
 
 
 def _figure(wanted: Error, found: Matched) -> float:
@@ -163,26 +181,35 @@ def final_pose(name: str, wanted: FinalPose, evidence: Evidence) -> Finding:
             f"messages on {wanted.topic} have no pose: PoseStamped, PoseWithCovarianceStamped,"
             " Odometry and TransformStamped have one"
         )
-    finding = _pose_odd(name, wanted, pose, at, evidence) or _off(name, wanted, pose)
+    when = last.time if at is None else at
+    finding = _pose_odd(name, wanted, pose, when, evidence) or _off(name, wanted, pose)
     # Latched or not: a goal that was published before the first input is no place that was reached.
     return covering(
         finding,
-        _share_until(at, evidence, wanted.min_coverage),
-        f"the pose at {(at - evidence.start) / 1e9:.3f} s of {evidence.seconds:.3f} s",
+        None if at is None else _share_until(at, evidence, wanted.min_coverage),
+        "the last pose, whose time mode max leaves open"
+        if at is None
+        else f"the pose at {(at - evidence.start) / 1e9:.3f} s of {evidence.seconds:.3f} s",
         found.clock,
         wanted.min_coverage,
         remedy="the last pose must be near the window's end, or lower minCoverage",
     )
 
 
-def _last(found: TopicMessages, answers: list[Sample], evidence: Evidence) -> tuple[Sample, int]:
-    """The last pose and its time, by the topic's clock."""
-    if found.clock == "receipt":
+def _last(
+    found: TopicMessages, answers: list[Sample], evidence: Evidence
+) -> tuple[Sample, int | None]:
+    """The last pose and its time, by the topic's clock; None where mode max leaves that open."""
+    if found.clock == "header":
+        at, _, last = max((each.stamp or 0, number, each) for number, each in enumerate(answers))
+        return last, at
+    last = answers[-1]
+    if evidence.paced:
         # Its own stamp, if that can be true, is that of what it answers, whatever others' are.
-        stamp = stamp_of(answers[-1], evidence)
-        return answers[-1], answers[-1].time if stamp is None else stamp
-    at, _, last = max((each.stamp or 0, number, each) for number, each in enumerate(answers))
-    return last, at
+        stamp = stamp_of(last, evidence)
+        return last, last.time if stamp is None else stamp
+    stamps = [stamp_of(each, evidence) for each in answers]
+    return last, max((stamp for stamp in stamps if stamp is not None), default=None)
 
 
 def _pose_odd(

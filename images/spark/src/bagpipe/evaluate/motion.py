@@ -13,7 +13,7 @@ from bagpipe.evaluate.limits import bounded, of_all_bounds
 from bagpipe.evaluate.matching import several_frames
 from bagpipe.evaluate.model import Separation
 from bagpipe.evaluate.way import Point, Way, drives
-from bagpipe.evaluate.window import frames_differ, messages_of, samples
+from bagpipe.evaluate.window import frames_differ, messages_of, refuse_timeless, samples
 from bagpipe.texts import duration_nanoseconds
 
 if TYPE_CHECKING:
@@ -27,7 +27,12 @@ def separation(name: str, wanted: Separation, evidence: Evidence) -> Finding:
     """The least distance, or the least time to collision. Raises NoEvidenceError without both."""
     met = _met(wanted, evidence)
     evidence.keep(wanted, met)
-    finding = _odd(name, met, evidence) or _least(name, wanted, evidence, met.pairs)
+    odd = _odd(name, met, evidence)
+    if odd is None:
+        for topic in (wanted.ego, wanted.obstacles):
+            found = messages_of(topic, evidence)
+            refuse_timeless(found, evidence, "where both were at one time")
+    finding = odd or _least(name, wanted, evidence, met.pairs)
     finding = _feared(finding, wanted, evidence, met.feared)
     return covering(
         finding,

@@ -280,12 +280,29 @@ def over_window(found: TopicMessages, evidence: Evidence, least: float) -> tuple
     """
     times = times_of(found)
     # When a message came may not show what it covers: not of one that was in force at the start.
-    known = evidence.paced or found.clock == "header" or min(times, default=0) <= evidence.start
+    known = not timeless(found, evidence) or min(times, default=0) <= evidence.start
     if found.latching and known:
         held = evidence.end - max(min(times), evidence.start)
         share = max(0.0, held / max(1, evidence.end - evidence.start))
         return share, f"{len(times)} latched messages, in force for {share:.0%} of the window"
     return coming_over(found, evidence, least)
+
+
+def timeless(found: TopicMessages, evidence: Evidence) -> bool:
+    """Whether receipts alone show when a topic's messages are, and in mode max these show nothing:
+    bag time runs ahead of the stack there.
+    """
+    return found.clock == "receipt" and not evidence.paced and bool(found.inside or found.others)
+
+
+def refuse_timeless(found: TopicMessages, evidence: Evidence, what: str) -> None:
+    """Raises NoEvidenceError where what is measured needs the times of such messages."""
+    if timeless(found, evidence):
+        raise NoEvidenceError(
+            found.fault
+            or f"mode max leaves open when messages on {found.topic} were published, and so"
+            f" {what}: let the stack stamp them, or play in another mode"
+        )
 
 
 def coming_over(
@@ -295,11 +312,13 @@ def coming_over(
     others.
     """
     times = times_of(found)
-    # In mode max bag time runs ahead of the stack.
-    if found.clock == "receipt" and not evidence.paced:
-        return None, f"{len(times)} messages, whose times mode max leaves open"
+    if timeless(found, evidence):
+        stamps = [stamp_of(each, evidence) for each in found.answers]
+        times = [stamp for stamp in stamps if stamp is not None]
+        if not times:
+            return None, f"{len(found.answers)} messages, whose times mode max leaves open"
     share = spread(times, evidence, least, usual)
-    if found.clock == "receipt":
+    if found.clock == "receipt" and evidence.paced:
         share = min(share, spread(_own_times(found, evidence), evidence, least, usual))
     return share, f"{len(times)} messages without a longer silence in {share:.0%} of the window"
 
