@@ -215,6 +215,33 @@ def test_what_answers_the_lead_in_is_nobody_s_unless_there_was_none() -> None:
         assert split(*entries, lead_in_start=none) == ([109], [111, 112], [])
 
 
+TENTHS = [n / 10 for n in range(100)]
+
+
+@pytest.mark.parametrize(
+    ("stamps", "end", "behind"),
+    [
+        (TENTHS, 110.0, 0.0),
+        ([at - 0.15 for at in TENTHS], 110.0, 0.15),
+        ([at - 1.0 for at in TENTHS], 110.0, 1.0),
+        ([at - 1.001 for at in TENTHS], 110.0, 0.0),  # such a stack has died
+        ([at - 0.3 for at in TENTHS if at < 2], 102.0, 0.0),  # more than a tenth of the window
+        ([at - 0.2 for at in TENTHS if at < 2], 102.0, 0.2),
+        # A message that is lost, and several for each input.
+        ([at - 0.2 for at in TENTHS if at != 5.0], 110.0, 0.2),
+        ([at + more for at in TENTHS for more in (0.0, 0.001)], 110.0, 0.0),
+        ([at for at in TENTHS if at in (0.1, 4.0, 9.5)], 110.0, 0.0),  # no usual step
+        ([], 110.0, 0.0),
+    ],
+)
+def test_stamps_are_behind_by_how_much_they_end_before_the_window(
+    stamps: list[float], end: float, behind: float
+) -> None:
+    recorded = [("/t", 101.5 + at, stamped(100 + at, 0, 0)) for at in stamps]
+    found = messages_of("/t", evidence(recorded, start=100.0, end=end))
+    assert found.behind / SECOND == pytest.approx(behind, abs=1e-6)
+
+
 def test_one_message_without_a_stamp_takes_the_clock_from_all() -> None:
     recorded = [("/t", 11.0, stamped(10.5, 0, 0)), ("/u", 11.0, number(1.0))]
     given = evidence(recorded)
