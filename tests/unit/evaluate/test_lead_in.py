@@ -137,6 +137,14 @@ def test_stamps_of_a_sensor_that_is_recorded_late_lose_no_answer(
         assert found(kind, wanted, [before, *entries], paced=paced).outcome == "passed"
 
 
+def test_nor_do_they_where_their_steps_are_not_all_alike() -> None:
+    off = [0.02, -0.02, 0.0, 0.01, -0.01]
+    entries = [answer(9.84 + n / 10 + off[n % 5], 0.2) for n in range(100)]
+    for first in (entries, [answer(9.75, 0.3, x=999.0), *entries]):
+        for kind, wanted in (("presence", COUNT), ("rate", RATE), ("bounds", X)):
+            assert found(kind, wanted, first).outcome == "passed"
+
+
 def test_a_stack_that_ends_early_is_no_sensor_that_is_recorded_late() -> None:
     early = [answer(8 + n / 10, late=1.5) for n in range(5, 105)]
     finding = found("presence", {"topic": "/p", "min": 85}, early)

@@ -239,7 +239,8 @@ def test_stamps_are_behind_by_how_much_they_end_before_the_window(
 ) -> None:
     recorded = [("/t", 101.5 + at, stamped(100 + at, 0, 0)) for at in stamps]
     found = messages_of("/t", evidence(recorded, start=100.0, end=end))
-    assert found.behind / SECOND == pytest.approx(behind, abs=1e-6)
+    # With half of their usual step.
+    assert found.behind / SECOND == pytest.approx(behind + 0.05 if behind else 0.0, abs=1e-6)
 
 
 def test_one_message_without_a_stamp_takes_the_clock_from_all() -> None:

@@ -97,10 +97,12 @@ def _behind(stamps: list[int], evidence: Evidence) -> int:
     if len(steps) < _LEAST_STEPS:
         return 0
     # A step that is hardly ever longer: of messages in bursts the median is none between them.
-    short = evidence.end - inside[-1] - steps[len(steps) * 9 // 10]
+    step = steps[len(steps) * 9 // 10]
+    short = evidence.end - inside[-1] - step
     # Whose answers end sooner has lost some, or answers no more.
     most = min(_MOST_BEHIND, (evidence.end - evidence.start) // 10)
-    return short if 0 < short <= most else 0
+    # Half a step, as steps are not all alike: the one before is a whole step away.
+    return short + step // 2 if 0 < short <= most else 0
 
 
 def samples(found: TopicMessages, evidence: Evidence) -> list[Sample]:
