@@ -92,6 +92,21 @@ def test_one_bad_stamp_hides_no_last_pose_that_is_late() -> None:
         assert finding.figure == pytest.approx(485.1)
 
 
+@pytest.mark.parametrize("beside", [1.0, 10.0])
+def test_one_bad_stamp_moves_no_obstacle(beside: float) -> None:
+    """One that drives beside the ego, and is seen two seconds later."""
+    ego = [answer(at, x=10 * at) for at in INPUTS]
+    cars = [("/cars", at + 2.0, poses(at, (10 * at, beside))) for at in INPUTS]
+    outcome = "failed" if beside < 2 else "passed"
+    for bad in ([], [answer(12.345, stamp=500.0, x=123.45)], [("/cars", 12.5, poses(0.0))]):
+        finding = found(case(ego + cars + bad), KEEPS_AWAY)
+        assert (finding.outcome, finding.clock) == (outcome, "receipt" if bad else "header")
+    # Where none of one topic's stamps can be true, receipts are left for both.
+    wall = [answer(at, stamp=at + 3300 * DAY, x=10 * at) for at in INPUTS]
+    near = [("/cars", at + 0.01, poses(at, (10 * at, beside))) for at in INPUTS]
+    assert found(case(wall + near), KEEPS_AWAY).outcome == outcome
+
+
 def test_a_bad_stamp_after_the_end_is_of_nobody_s_message() -> None:
     """What a node says while it is shut down takes the stamps of all before from none."""
     for measure in (LATENCY, RATE, PRESENCE, BOUNDS, HOLDS, ERROR, GOAL):

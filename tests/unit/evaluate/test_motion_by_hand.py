@@ -285,11 +285,18 @@ def test_a_scene_has_the_ego_s_pose_of_then_if_one_is_near_enough_in_time() -> N
     assert [points for _, _, points in found][:2] == [[(10, 10)], [(10.5, 10.5)]]
 
 
-def test_a_message_s_time_is_its_stamp_where_both_have_one() -> None:
-    sample = Sample(7, None)
-    assert [motion._when(sample, stamped) for stamped in (True, False)] == [0, 7]
-    sample.stamp = 5
-    assert [motion._when(sample, stamped) for stamped in (True, False)] == [5, 7]
+def test_a_message_s_time_is_its_stamp_where_both_have_some() -> None:
+    given, sample = evidence([]), Sample(ns(17), None)
+
+    def when() -> list[int]:
+        return [motion._when(sample, stamped, given) for stamped in (True, False)]
+
+    assert when() == [ns(17), ns(17)]
+    sample.stamp = ns(15)
+    assert when() == [ns(15), ns(17)]
+    for bad in (0, ns(500)):
+        sample.stamp = bad
+        assert when() == [ns(17), ns(17)]
 
 
 def test_where_things_are_is_read_off_their_messages() -> None:

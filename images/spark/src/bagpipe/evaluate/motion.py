@@ -13,7 +13,7 @@ from bagpipe.evaluate.limits import bounded, of_all_bounds
 from bagpipe.evaluate.matching import several_frames
 from bagpipe.evaluate.model import Separation
 from bagpipe.evaluate.way import Point, Way, drives
-from bagpipe.evaluate.window import frames_differ, messages_of, refuse_timeless, samples
+from bagpipe.evaluate.window import frames_differ, messages_of, refuse_timeless, samples, stamp_of
 from bagpipe.texts import duration_nanoseconds
 
 if TYPE_CHECKING:
@@ -158,10 +158,13 @@ def _met(wanted: Separation, evidence: Evidence) -> Met:
     apart = apart or several_frames(obstacles, wanted.obstacles)
     if apart and not wanted.any_frame:
         raise NoEvidenceError(apart)
-    stamped = ego_messages.clock == obstacle_messages.clock == "header"
-    course = sorted((_when(sample, stamped), _ego_at(sample, wanted.ego)) for sample in ego)
+    # One bad stamp moves nothing but its own message; of another clock all of a topic's are bad.
+    stamped = all(
+        any(stamp_of(each, evidence) is not None for each in topic) for topic in (ego, obstacles)
+    )
+    course = sorted((_when(each, stamped, evidence), _ego_at(each, wanted.ego)) for each in ego)
     scenes = sorted(
-        (_when(sample, stamped), _points(sample, wanted.obstacles)) for sample in obstacles
+        (_when(each, stamped, evidence), _points(each, wanted.obstacles)) for each in obstacles
     )
     if not any(points for _, points in scenes):
         raise NoEvidenceError(f"no obstacle was ever on {wanted.obstacles}")
@@ -176,13 +179,14 @@ def _met(wanted: Separation, evidence: Evidence) -> Met:
         _paired(with_ego) + [(*each, None) for each in near.seen],
         near.feared,
         _share(course, with_ego, lost, wanted, evidence),
-        "header" if stamped else "receipt",
+        "header" if ego_messages.clock == obstacle_messages.clock == "header" else "receipt",
         " and no obstacle was lost near the ego before it had a speed" if lost else "",
     )
 
 
-def _when(sample: Sample, stamped: bool) -> int:
-    return (sample.stamp or 0) if stamped else sample.time
+def _when(sample: Sample, stamped: bool, evidence: Evidence) -> int:
+    stamp = stamp_of(sample, evidence) if stamped else None
+    return sample.time if stamp is None else stamp
 
 
 def _with_ego(
