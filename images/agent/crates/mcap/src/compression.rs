@@ -51,8 +51,8 @@ impl Compression {
         [Self::None, Self::Lz4, Self::Zstd].into_iter().find(|each| each.name() == name)
     }
 
-    /// Uncompresses at most `size` bytes and one in place of what `bytes` holds; what came out
-    /// before an error stays there. Says what was wrong.
+    /// Uncompresses at most `size` bytes and one in place of what `bytes` holds; what came out of
+    /// data that is cut stays there. Says what was wrong.
     pub(crate) fn decompress(self, data: &[u8], size: u32, bytes: &mut Vec<u8>) -> Option<String> {
         let whole = match self {
             Self::None => None,
@@ -110,7 +110,12 @@ fn stream_zstd(data: &[u8], size: u32, bytes: &mut Vec<u8>) -> Option<io::Error>
 fn drain(reader: impl Read, size: u32, bytes: &mut Vec<u8>) -> Option<io::Error> {
     bytes.clear();
     bytes.reserve(FIRST_ALLOCATION.min(size as usize));
-    reader.take(u64::from(size) + 1).read_to_end(bytes).err()
+    let failed = reader.take(u64::from(size) + 1).read_to_end(bytes).err();
+    // Checksums stand behind what they are of: where one is wrong, no one knows what came out wrong.
+    if failed.as_ref().is_some_and(|error| error.kind() != io::ErrorKind::UnexpectedEof) {
+        bytes.clear();
+    }
+    failed
 }
 
 impl Packing for Compression {

@@ -247,30 +247,42 @@ impl Pass<'_> {
 
     /// A chunk whose records lie in the file as they are.
     fn plain(&mut self, part: Part, crc: u32) {
-        let records = part.data.clone();
-        if crc != 0 {
-            let mut hasher = Hasher::new();
-            hasher.update(&self.file[records.clone()]);
-            if let Some(data_crc) = &mut self.crc {
-                data_crc.take_chunk(self.file, records.clone(), &hasher);
-            }
-            if let Some(expected) = wrong_crc(crc, || hasher.finalize()) {
-                self.lose(Defect::new(records.start, expected), records.len() as u64, None);
-            }
-        } else if let Some(data_crc) = &mut self.crc {
-            data_crc.take(self.file, records.end);
-        }
         let mut walked = Walked::default();
-        let chunk = self.found.parts.len() as u32;
-        let mut walk =
-            Walk { walked: &mut walked, channels: &mut self.channels, chunk, inside: true };
-        walk.run(&mut self.file[records.clone()], 0);
-        self.channels.forget(&walked.counts);
-        self.found.lost.add_all(records.start, std::mem::take(&mut walked.lost));
-        part.compare_times(&mut walked);
-        self.found.lost.add_all(0, std::mem::take(&mut walked.lost));
+        // With a wrong checksum no one knows which of its records are wrong.
+        if self.is_whole(part.data.clone(), crc) {
+            let start = part.data.start;
+            let chunk = self.found.parts.len() as u32;
+            let mut walk =
+                Walk { walked: &mut walked, channels: &mut self.channels, chunk, inside: true };
+            walk.run(&mut self.file[part.data.clone()], 0);
+            self.channels.forget(&walked.counts);
+            self.found.lost.add_all(start, std::mem::take(&mut walked.lost));
+            part.compare_times(&mut walked);
+            self.found.lost.add_all(0, std::mem::take(&mut walked.lost));
+        }
         let made = Made { bytes: Vec::new(), walked };
         self.found.parts.push(Part { made: OnceLock::from(Box::new(made)), ..part });
+    }
+
+    /// Whether a chunk's records have their CRC-32, which is 0 where it is not known; and takes them
+    /// for that of all data. If not, they are lost.
+    fn is_whole(&mut self, records: std::ops::Range<usize>, crc: u32) -> bool {
+        if crc == 0 {
+            if let Some(data_crc) = &mut self.crc {
+                data_crc.take(self.file, records.end);
+            }
+            return true;
+        }
+        let mut hasher = Hasher::new();
+        hasher.update(&self.file[records.clone()]);
+        if let Some(data_crc) = &mut self.crc {
+            data_crc.take_chunk(self.file, records.clone(), &hasher);
+        }
+        let wrong = wrong_crc(crc, || hasher.finalize());
+        if let Some(expected) = &wrong {
+            self.lose(Defect::new(records.start, expected), records.len() as u64, None);
+        }
+        wrong.is_none()
     }
 
     fn message_index(&mut self, head: Head, end: usize) {

@@ -34,6 +34,25 @@ pub(crate) struct Packed {
     pub crc: u32,
 }
 
+impl Packed {
+    /// Uncompresses a chunk's records in place of what `bytes` holds; says what is wrong with them,
+    /// and how many bytes are lost.
+    fn unpack(self, data: &[u8], bytes: &mut Vec<u8>) -> Option<(String, u64)> {
+        let size = self.size as usize;
+        let mut wrong = self.compression.decompress(data, self.size, bytes);
+        bytes.truncate(size);
+        if bytes.len() == size
+            && let Some(expected) = wrong_crc(self.crc, || crc32fast::hash(bytes))
+        {
+            // No one knows which of them are wrong.
+            bytes.clear();
+            wrong.get_or_insert(expected);
+        }
+        let missing = (size - bytes.len()).max(1) as u64;
+        wrong.map(|expected| (expected, missing))
+    }
+}
+
 /// Records whose messages are found.
 #[derive(Debug, Default)]
 pub(crate) struct Made {
@@ -98,14 +117,9 @@ impl Part {
         let Made { mut bytes, mut walked } = memory;
         walked.clear();
         let data = &file[self.data.clone()];
-        let wrong = packed.compression.decompress(data, packed.size, &mut bytes);
-        bytes.truncate(packed.size as usize);
         let mut lost = Tally::default();
-        if let Some(expected) = wrong {
-            let missing = packed.size as usize - bytes.len();
-            lost.add(self.data.start, expected, missing.max(1) as u64, None);
-        } else if let Some(expected) = wrong_crc(packed.crc, || crc32fast::hash(&bytes)) {
-            lost.add(self.data.start, expected, u64::from(packed.size), None);
+        if let Some((expected, bytes)) = packed.unpack(data, &mut bytes) {
+            lost.add(self.data.start, expected, bytes, None);
         }
         let promised: u64 = self.promised.iter().map(Promise::messages).sum();
         walked.places.reserve((bytes.len() / LEAST_MESSAGE).min(promised as usize));

@@ -3,7 +3,9 @@
 
 mod sample;
 
-use bagpipe_mcap::{Compression, Limits, Loss, Mcap, McapError, McapWriter, WriterOptions};
+use bagpipe_mcap::{
+    Compression, Limits, Loss, Mcap, McapError, McapWriter, WriterOptions, rewrite,
+};
 use sample::{ALL, Form, Plain, connection, messages, read, sample, theirs};
 
 const LIMITS: Limits = Limits { decompressed_bytes: 1 << 20 };
@@ -112,6 +114,32 @@ fn an_uncompressed_chunk_that_is_cut_keeps_its_first_messages() {
     assert!(least < middle && middle < most, "{least} {middle} {most}");
 }
 
+/// How many messages the indexes behind a chunk name.
+fn counts(bytes: &[u8], chunk: usize) -> usize {
+    let length = |at: usize| u64::from_le_bytes(*bytes[at + 1..].first_chunk().unwrap()) as usize;
+    let (mut at, mut messages) = (chunk + 9 + length(chunk), 0);
+    while bytes[at] == 7 {
+        messages += (length(at) - 6) / 16;
+        at += 9 + length(at);
+    }
+    messages
+}
+
+#[test]
+fn what_is_saved_of_a_chunk_with_a_wrong_checksum_is_none_of_its_messages() {
+    for compression in ALL {
+        let bytes = plain(compression, true);
+        let whole = open(&bytes);
+        let chunk = chunks(&bytes).into_iter().find(|at| counts(&bytes, at - 9) > 0).unwrap();
+        let damaged = with(&bytes, chunk + 24, &[1, 2, 3, 4]);
+        let old = Mcap::open_scanned(damaged, Limits::default()).unwrap();
+        let saved = open(&rewrite(&old, WriterOptions::default()).unwrap());
+        let lost = counts(&bytes, chunk - 9) as u64;
+        assert_eq!(saved.message_count(), whole.message_count() - lost, "{compression:?}");
+        assert_eq!((saved.loss(), saved.connections().len()), (None, 2));
+    }
+}
+
 #[test]
 fn a_wrong_checksum_is_reported_with_where_and_what_it_was() {
     let header = FIRST + 8 + 18;
@@ -122,8 +150,10 @@ fn a_wrong_checksum_is_reported_with_where_and_what_it_was() {
         let loss = loss(&damaged);
         assert!(loss.description.starts_with("data of the CRC-32 "), "{loss:?}");
         assert!(loss.offset > header as u64);
-        // All the same, the messages are there.
-        assert_eq!(open(&damaged).message_count(), 100);
+        let kept = read(&open(&damaged));
+        assert!(kept.iter().all(|each| !chunked || messages().contains(each)), "a wrong message");
+        // Outside of chunks no one knows which message is wrong.
+        assert_eq!(kept.len() < 100, chunked);
     }
     for compression in [Compression::Lz4, Compression::Zstd] {
         // The chunk's own checksum, where its data is whole.
@@ -142,6 +172,12 @@ fn a_wrong_checksum_is_reported_with_where_and_what_it_was() {
         let data = chunk + 9 + 28 + 4 + compression.name().len() + 8;
         assert_eq!(error.offset(), Some(data as u64), "{error}");
         assert!(error.to_string().contains("data of the CRC-32 04030201, found "), "{error}");
+        // No one knows which of its messages are wrong.
+        let scanned = Mcap::open_scanned(damaged, Limits::default()).unwrap();
+        let of_chunk: usize = counts(&bytes, chunk);
+        assert!(of_chunk > 0);
+        assert_eq!(read(&scanned).len(), 100 - of_chunk);
+        assert!(scanned.loss().unwrap().bytes > 500, "{:?}", scanned.loss());
     }
     let bytes = sample(Compression::None);
     let summary = with(&bytes, bytes.len() - 12, &[1, 2, 3, 4]);

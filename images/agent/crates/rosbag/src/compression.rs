@@ -35,7 +35,8 @@ impl Compression {
         [Self::None, Self::Bz2, Self::Lz4].into_iter().find(|each| each.name().as_bytes() == name)
     }
 
-    /// Uncompresses at most `size` bytes; what came out before an error is kept, beside it.
+    /// Uncompresses at most `size` bytes, and says what was wrong; what came out of data that is
+    /// cut is kept beside it.
     pub(crate) fn decompress(self, data: &[u8], size: u32) -> (Vec<u8>, Option<String>) {
         let (bytes, failed) = match self {
             Self::None => (data.to_vec(), None),
@@ -79,6 +80,10 @@ impl Packing for Compression {
 /// Reads to the end, or one byte past `size`, which shows that there is too much.
 fn drain(reader: impl Read, size: u32) -> (Vec<u8>, Option<io::Error>) {
     let mut bytes = Vec::with_capacity(FIRST_ALLOCATION.min(size as usize));
-    let outcome = reader.take(u64::from(size) + 1).read_to_end(&mut bytes);
-    (bytes, outcome.err())
+    let failed = reader.take(u64::from(size) + 1).read_to_end(&mut bytes).err();
+    // Checksums stand behind what they are of: where one is wrong, no one knows what came out wrong.
+    if failed.as_ref().is_some_and(|error| error.kind() != io::ErrorKind::UnexpectedEof) {
+        bytes.clear();
+    }
+    (bytes, failed)
 }

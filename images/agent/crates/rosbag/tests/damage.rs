@@ -5,7 +5,7 @@ mod sample;
 
 use bagpipe_rosbag::{
     Bag, BagError, BagWriter, Compression, Connection, Limits, MemoryChunkedFile, WriterOptions,
-    check_limited, reindex_limited,
+    check_limited, reindex, reindex_limited,
 };
 use proptest::prelude::*;
 use sample::sample;
@@ -103,6 +103,26 @@ fn a_damaged_chunk_of_an_indexed_bag_is_an_error_and_a_scan_keeps_the_rest() {
     assert_eq!(scanned.loss().unwrap().offset, chunk.data_position);
     let lost = intact.chunks()[2].messages();
     assert_eq!(scanned.message_count(), 100 - lost);
+}
+
+#[test]
+fn nothing_is_kept_of_a_chunk_whose_checksum_alone_is_wrong() {
+    // Of LZ4 the frame's last bytes, of bzip2 those of the first block, behind its mark.
+    for (compression, from_end) in [(Compression::Lz4, true), (Compression::Bz2, false)] {
+        let mut bytes = sample(compression);
+        let intact = scan(bytes.clone()).unwrap();
+        let chunk = intact.chunks()[2].clone();
+        let end = (chunk.data_position + u64::from(chunk.data_length)) as usize;
+        let at = if from_end { end - 4 } else { chunk.data_position as usize + 10 };
+        bytes[at] ^= 0x55;
+        let scanned = scan(bytes.clone()).unwrap();
+        let loss = scanned.loss().unwrap();
+        let lost = (u64::from(chunk.size), Some(chunk.messages()));
+        assert_eq!((loss.bytes, loss.messages), lost, "{compression:?} {loss:?}");
+        assert_eq!(scanned.message_count(), 100 - chunk.messages());
+        let made = reindex(MemoryChunkedFile::new(bytes), WriterOptions::default()).unwrap();
+        assert_eq!(made.messages, 100 - chunk.messages(), "{compression:?}");
+    }
 }
 
 #[test]

@@ -195,8 +195,9 @@ def check_command(
 ) -> None:
     """Read every record of each BAG and say whether it is whole.
 
-    Every chunk is uncompressed and compared with the index. The exit status is 0 if nothing is lost
-    and nothing contradicts itself, 1 if something is or does, and 2 if a bag can't be read.
+    Every chunk is uncompressed and compared with the index; of MCAP, with the times of its message
+    indexes, too. The exit status is 0 if nothing is lost and nothing contradicts itself, 1 if
+    something is or does, and 2 if a bag can't be read.
 
     \b
     bagpipe bag check recordings/*.bag
@@ -218,8 +219,9 @@ def reindex_command(bag: str, target: str, output: str, **given: Any) -> None:
     """Save what is whole of BAG, with an index.
 
     For a recording whose recorder died, a file that was cut off, or one that `check` complains
-    about. Every whole message before the damage is kept; BAG is not changed. The exit status is 2
-    if nothing of it can be read.
+    about. Every whole message before the damage is kept; of a chunk whose checksum is wrong, none.
+    BAG is not changed. The exit status is 0 also where something is lost, which is in the output,
+    and 2 if nothing of it can be read.
 
     \b
     bagpipe bag reindex drive.bag.active --to drive.bag

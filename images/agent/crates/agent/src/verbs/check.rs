@@ -10,7 +10,8 @@ use crate::verbs::bagfile::{Memory, failed, file, kind, loss, unreadable};
 #[derive(Debug, Args)]
 #[command(
     after_help = "Reads every record, uncompresses every chunk, and compares them with the\n\
-    index. Exit status 0 says that nothing is lost and nothing contradicts itself.\n\n\
+    index; of MCAP, with the times of its message indexes, too. Exit status 0\n\
+    says that nothing is lost and nothing contradicts itself.\n\n\
     Example: bagpipe-agent check drive.bag"
 )]
 pub struct Options {

@@ -11,11 +11,11 @@ use crate::verbs::bagfile::{Memory, Output, failed, file, kind, loss, unreadable
 #[derive(Debug, Args)]
 #[command(
     after_help = "For a recording whose recorder died (name.bag.active), a file that was cut\n\
-    off, or one that `check` complains about. Every whole message before the damage is kept;\n\
-    a bag's whole chunks are copied as they are. MCAP gets chunks, message indexes and a\n\
-    summary, which a job needs, and its messages are ordered by time; so does what a folder of\n\
-    rosbag2 holds, whose new file is MCAP. The old file is not\n\
-    changed.\n\n\
+    off, or one that `check` complains about. Every whole message before the damage is kept,\n\
+    and none of a chunk whose checksum is wrong; what is lost is in the output, and the exit\n\
+    status is 0. A bag's whole chunks are copied as they are. MCAP gets chunks, message\n\
+    indexes and a summary, which a job needs, and its messages are ordered by time; so does\n\
+    what a folder of rosbag2 holds, whose new file is MCAP. The old file is not changed.\n\n\
     Example: bagpipe-agent reindex drive.bag.active --output drive.bag"
 )]
 pub struct Options {
