@@ -133,6 +133,43 @@ fn reindex_mends_mcap_that_was_cut() {
     assert_eq!(mcap(&whole).attachments().count(), 1);
 }
 
+/// Where the records of that opcode lie in front of the summary.
+fn records(bytes: &[u8], op: u8) -> Vec<usize> {
+    let (mut at, mut found) = (8, Vec::new());
+    while bytes[at] != 15 {
+        if bytes[at] == op {
+            found.push(at);
+        }
+        at += 9 + u64::from_le_bytes(*bytes[at + 1..].first_chunk().unwrap()) as usize;
+    }
+    found
+}
+
+#[test]
+fn check_compares_the_times_of_message_indexes_and_reindex_writes_them_again() {
+    let mut bytes = chatter();
+    let (chunk, index) = (records(&bytes, 6)[1], records(&bytes, 7)[1]);
+    // The second message of the chunk at the time of the first.
+    bytes.copy_within(index + 15..index + 23, index + 31);
+    // Without the checksum of all data.
+    let end = bytes.windows(9).rposition(|head| *head == [15, 4, 0, 0, 0, 0, 0, 0, 0]).unwrap();
+    bytes[end + 9..end + 13].fill(0);
+    let (_folder, path) = folder_with("a.mcap", &bytes);
+    let expected = format!(
+        "byte {chunk}: expected messages of /chatter (channel 1) in this chunk at the times that its \
+         message index has: write it again with chunks, message indexes and a summary (`bagpipe bag \
+         reindex BAG --to NEW`)"
+    );
+    let (from, part, new) = (path("a.mcap"), path("part.mcap"), path("b.mcap"));
+    for arguments in [vec!["check", &from], vec!["slice", &from, "-o", &part]] {
+        let text = complaint(&arguments);
+        assert!(text.contains("a.mcap: ") && text.contains(&expected), "{text}");
+    }
+    output_of(&["reindex", &from, "-o", &new]);
+    assert_eq!(content(&mcap(&new)), content(&mcap_of(chatter())));
+    output_of(&["check", &new]);
+}
+
 #[test]
 fn bags_become_mcap_and_bags_again() {
     let (_folder, path) = folder_with("a.bag", &worker::chatter(50));
