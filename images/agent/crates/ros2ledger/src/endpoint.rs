@@ -141,6 +141,11 @@ impl Counts {
     pub fn in_hand(&self, strength: Strength) -> u64 {
         (self.taken + self.intra_started).saturating_sub(self.done(strength))
     }
+
+    /// Callbacks that run, where rclcpp reports them.
+    pub(crate) fn running(&self) -> u64 {
+        (self.started + self.intra_started).saturating_sub(self.ended + self.intra_ended)
+    }
 }
 
 /// A subscription or publisher.

@@ -273,7 +273,7 @@ fn decide(
         let nothing = Topic::default();
         let topic = topics.get(one.topic.as_str()).unwrap_or(&nothing);
         let taken = since.since(one, |counts| counts.taken);
-        let in_hand = one.counts.in_hand(one.strength);
+        let in_hand = in_hand(one, topic);
         let missing = if one.destroyed { 0 } else { topic.published.saturating_sub(taken) };
         let why = if one.destroyed { None } else { doubt(since, one, topic, taken, alive) };
         let waits = missing > 0 && why.is_none();
@@ -293,6 +293,17 @@ fn decide(
         doubts.push(Doubt { node, topic, missing: 0, why: Why::Unlisted });
     }
     (busy, doubts)
+}
+
+/// What a subscription has in hand. Of what it has taken of a topic that its own process publishes too, rclcpp
+/// throws copies away, and of several threads the one that did shows it with the next message only: until a
+/// callback begins, it is in doubt alone while a thread is awake ([`within`]).
+fn in_hand(one: &Endpoint, topic: &Topic) -> u64 {
+    let copies = || topic.by.iter().any(|by| by.process == one.process);
+    match one.intra_process && one.strength == Strength::Called && copies() {
+        true => one.counts.running(),
+        false => one.counts.in_hand(one.strength),
+    }
 }
 
 /// What may wait within processes. What wakes a thread that waits is counted as its process' work; a thread that

@@ -252,6 +252,14 @@ fn within_a_process_something_may_wait_while_a_thread_of_it_is_awake() {
     assert_eq!(of(&[publisher(1), intra(0)]), (working(0, 1), 1, 0));
     let weak = with(intra(0), |one| one.qos.reliability = Reliability::BestEffort);
     assert_eq!(of(&[publisher(1), weak]).0, unknown(1, Why::BestEffort));
+    // Of several threads that which threw its copy away shows it with the next message only.
+    let counts = Counts { taken: 1, intra_started: 1, intra_ended: 1, ..Counts::default() };
+    let copied = with(intra(0), |one| one.counts = counts);
+    assert_eq!(of(&[publisher(1), copied.clone()]), (Answer::Still, 1, 0));
+    let called = with(copied.clone(), |one| one.counts.started = 1);
+    assert_eq!(of(&[publisher(1), called]).0, working(1, 0));
+    let elsewhere = with(publisher(1), |one| one.process = process(3));
+    assert_eq!(of(&[elsewhere, copied]), (working(1, 0), 0, 0));
     // A callback with such a message runs, in which its process may hand over more: that is work.
     let runs = with(intra(0), |one| one.counts.intra_started = 1);
     assert_eq!(of(&[publisher(0), runs]), (working(1, 0), 0, 0));
