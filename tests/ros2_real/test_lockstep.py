@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import pytest
 
@@ -54,6 +55,31 @@ def test_callbacks_see_the_time_of_their_message(trial: Trial, stack: str) -> No
     assert [(words[0], words[-1]) for words in texts] == [
         (str(BEGIN + number * PERIOD),) * 2 for number in range(MESSAGES)
     ]
+
+
+@pytest.mark.parametrize("recorded", [["/out"], ["/out", "/mid"]], ids=["out", "all"])
+@pytest.mark.parametrize("work", [0, 2000])
+@pytest.mark.parametrize("playback", [LOCKSTEP, {"mode": "lockstep"}], ids=["steps", "no steps"])
+@pytest.mark.parametrize("executor", ["single", "multi", "events"])
+def test_what_is_handed_over_within_a_process_belongs_to_its_step(
+    trial: Trial,
+    require_executor: Callable[[str], None],
+    executor: str,
+    playback: dict[str, Any],
+    work: int,
+    recorded: list[str],
+) -> None:
+    """What is recorded too is published twice, and rclcpp throws its copy away."""
+    if executor == "events":
+        require_executor("events")
+    stack = {"parameters": SIM_TIME | {"/**/work_us": work}}
+    command = [*NODE, executor, "Handing", "Handed"]
+    row = trial.run(trial.spec(command, playback, stack=stack, record={"topics": recorded}))
+    assert passed(row), row
+    answers = [(time, *map(int, text.split())) for time, text in trial.timed_texts(row)]
+    times = [BEGIN + number * PERIOD for number in range(MESSAGES)]
+    assert answers == [(time, time, time) for time in times]
+    assert not row["result"]["playback"].get("warnings")
 
 
 def test_a_callback_of_rclpy_that_sleeps_is_waited_for(trial: Trial) -> None:
