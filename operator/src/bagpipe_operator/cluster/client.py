@@ -69,6 +69,11 @@ class ApiError(Exception):
         return self.status == 504 or (self.status == 0 and self.reason == TIMEOUT)
 
     @property
+    def webhook_is_awaited(self) -> bool:
+        """Whether a webhook gives no answer, as far as can be known: it is down, or hangs."""
+        return self.webhook_is_down or self.timed_out
+
+    @property
     def webhook_is_not_tried(self) -> bool:
         """Whether a dry run would call a webhook with side effects: it says nothing of the real."""
         return self.status == 400 and "does not support dry run" in self.message

@@ -10,12 +10,18 @@ from bagpipe.evaluate.evidence import Evidence, Sample
 from bagpipe.evaluate.fields import no_number, number_at, turned
 from bagpipe.evaluate.finding import Clock, Finding, NoEvidenceError
 from bagpipe.evaluate.model import Error
-from bagpipe.evaluate.window import begin_of, credible, frames_differ, messages_of, samples
+from bagpipe.evaluate.window import (
+    begin_of,
+    credible,
+    frames_differ,
+    is_empty,
+    messages_of,
+    samples,
+)
 from bagpipe.texts import duration_nanoseconds
 
 # In a gap of the truth, of so many usual steps or more, it may have been anywhere.
 _GAP = 3
-_SECOND = 1_000_000_000
 
 # When it was received, its time by the answers' clock, and the numbers of its fields.
 _Answer = tuple[int, int, list[float]]
@@ -192,8 +198,7 @@ def _of_another_clock(truth: list[Sample], evidence: Evidence, ahead: int) -> bo
 
 def _times(messages: Sequence[Sample], evidence: Evidence) -> list[int]:
     """The stamps, or the receipts of messages that have none."""
-    # A simulated drive may begin with second 0, which is a time there.
-    none = (None, 0) if begin_of(evidence) >= _SECOND or _unstamped(messages) else (None,)
+    none = (None, 0) if is_empty(0, begin_of(evidence)) or _unstamped(messages) else (None,)
     return [each.time if each.stamp in none else each.stamp or 0 for each in messages]
 
 

@@ -141,7 +141,7 @@ def stamp_fault(
     """A sentence where stamps can't be times of this recording; else nothing."""
     begin = begin_of(evidence)
     stamped = [(each.time, each.stamp) for each in received if each.stamp is not None]
-    empty = sum(1 for _, stamp in stamped if _empty(stamp, begin))
+    empty = sum(1 for _, stamp in stamped if is_empty(stamp, begin))
     if empty:
         return f"{empty} messages on {topic} have an empty header.stamp"
     odd = [each for each in stamped if not credible(*each, begin, ahead)]
@@ -167,13 +167,13 @@ def stamp_fault(
 def stamp_of(each: Received | Sample, evidence: Evidence, ahead: int = ROUNDING) -> int | None:
     """A message's stamp where it can be true, else None."""
     begin = begin_of(evidence)
-    if each.stamp is None or _empty(each.stamp, begin):
+    if each.stamp is None or is_empty(each.stamp, begin):
         return None
     return each.stamp if credible(each.time, each.stamp, begin, ahead) else None
 
 
-def _empty(stamp: int, begin: int) -> bool:
-    # A simulated drive may begin with second 0.
+def is_empty(stamp: int, begin: int) -> bool:
+    """Whether a stamp is none: a simulated drive may begin with second 0, which is a time there."""
     return stamp == 0 and begin >= _SECOND
 
 

@@ -218,8 +218,7 @@ class Queueing:
             self._refused[job.uid] = None
         except ApiError as error:
             # A webhook that hangs may have been waited for in vain: the next visit looks first.
-            hindered = error.webhook_is_down or error.timed_out
-            if error.status in {400, 403, 404, 413, 422} or hindered:
+            if error.status in {400, 403, 404, 413, 422} or error.webhook_is_awaited:
                 self._refuse(job, f"Its Workload can't be created: {error.message}")
             else:
                 raise

@@ -123,7 +123,7 @@ class Lookout:
         except UnusableSpecError:
             return []  # it is reported where the driver is created
         except ApiError as error:
-            if error.webhook_is_down or error.timed_out:
+            if error.webhook_is_awaited:
                 return [pending.unanswered_executor(job.name, job.namespace, error.message)]
             alone = not any(p.role == names.ROLE_EXECUTOR for p in pods)
             found = pending.refused_executor(
