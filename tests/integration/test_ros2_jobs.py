@@ -165,6 +165,7 @@ def test_nodes_that_fail_too_soon_to_be_seen_are_known_by_what_they_noted(
 def test_who_is_started_from_the_command_line_may_leave_during_the_play(
     name: str,
     expected: tuple[str, str],
+    tmp_path: Path,
     folders: dict[str, str],
     standin: Path,
     start_agent: Callable[..., RunningAgent],
@@ -172,7 +173,11 @@ def test_who_is_started_from_the_command_line_may_leave_during_the_play(
     # Of what the stack publishes nobody has to take all.
     echo = [str(standin / "standin_node"), "--name", name, "--ends-after", "10"]
     echo += ["--sub", f"/out:std_msgs/msg/String:{MESSAGES}:reliable"]
-    script = shlex.join(echo) + " & exec " + shlex.join(relay(standin))
+    # All is played in 50 ms, less than a process may need to end on a busy machine.
+    gone = str(tmp_path / "gone")
+    answering = relay(standin, "--awaits", f"20:{gone}")
+    leaving = shlex.join(echo) + "; " + shlex.join(["touch", gone])
+    script = f"({leaving}) & exec {shlex.join(answering)}"
     job = spec(ros2_standin.environment(standin), LOCKSTEP, ["sh", "-c", script])
     row = run(job, folders, start_agent())
     assert (row["outcome"], row["reason"]) == expected, row

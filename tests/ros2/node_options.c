@@ -1,4 +1,5 @@
 #define _GNU_SOURCE
+#include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -36,6 +37,8 @@ static const char usage[] =
     "                       until another one comes, whatever waits\n"
     "--die-after N          aborts in the callback of the Nth message of a topic\n"
     "--ends-after N         leaves in order, with status 0, in the callback of the Nth message of a topic\n"
+    "--awaits N:FILE        in the callback of the Nth message of a topic it waits until FILE is there,\n"
+    "                       and ends with status 4 after a minute in vain\n"
     "--fails-with STATUS    ends with it as soon as it is in the graph\n"
     "--threads N            threads that take and call\n"
     "--within               what it publishes on a topic that it subscribes to is handed over within it\n"
@@ -143,6 +146,11 @@ static void slow(const char *text) {
   one->slow_us = of[0];
 }
 
+static void await_at(const char *text) {
+  if (sscanf(text, "%" SCNu64 ":%255s", &asked.awaits_at, asked.awaits) != 2)
+    refuse("no number and file", text);
+}
+
 static void value(const char *option, const char *text) {
   if (!strcmp(option, "--name")) name(text);
   else if (!strcmp(option, "--sub")) endpoint(true, text);
@@ -166,6 +174,7 @@ static void value(const char *option, const char *text) {
   else if (!strcmp(option, "--doze-every")) asked.doze_every = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--die-after")) asked.die_after = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--ends-after")) asked.ends_after = strtoull(text, NULL, 10);
+  else if (!strcmp(option, "--awaits")) await_at(text);
   else if (!strcmp(option, "--fails-with")) asked.fails_with = atoi(text);
   else if (!strcmp(option, "--burst")) asked.burst = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--every-us")) asked.every_us = strtoull(text, NULL, 10);

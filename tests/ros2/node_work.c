@@ -111,6 +111,13 @@ void run_us(uint64_t us) {
          us + (uint64_t)begun.tv_nsec / 1000);
 }
 
+static void await_file(const char *path) {
+  for (int ms = 0; access(path, F_OK) != 0; ms++) {
+    if (ms == 60000) _exit(4);
+    sleep_us(1000);
+  }
+}
+
 void work(struct subscription *of) {
   uint64_t count = of->called + 1;
   sleep_us(asked.delay_us + (count == 1 ? asked.first_us : 0));
@@ -119,6 +126,7 @@ void work(struct subscription *of) {
     setrlimit(RLIMIT_CORE, &none);
     abort();
   }
+  if (count == asked.awaits_at) await_file(asked.awaits);
   if (asked.ends_after > 0 && count == asked.ends_after) kill(getpid(), SIGTERM);
   if (asked.leave_after > 0 && count == asked.leave_after) life_turns();
   bool dropped = asked.drop_every > 0 && count % asked.drop_every == 0;
