@@ -91,12 +91,10 @@ fn demand(task: &std::path::Path) -> Option<Demand> {
 }
 
 fn waits(task: PathBuf) -> Option<Waits> {
+    let syscall = std::fs::read_to_string(task.join("syscall")).ok()?;
     // A thread's name may be no text: the kernel cuts it within a letter.
     let stat = std::fs::read(task.join("stat")).unwrap_or_default();
-    if threads::waits_for_disk(&String::from_utf8_lossy(&stat)) {
-        return Some(Waits::Disk);
-    }
-    threads::waits(&std::fs::read_to_string(task.join("syscall")).ok()?)
+    threads::waits(&syscall, &String::from_utf8_lossy(&stat))
 }
 
 #[cfg(test)]

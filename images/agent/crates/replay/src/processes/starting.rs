@@ -12,12 +12,17 @@ use super::{descendants, leaves, look};
 
 /// The time in which all must have rested.
 const QUIET: Duration = Duration::from_millis(100);
+/// Where somebody had to wait longer for a processor in it, all must rest once more: who works in turns with another
+/// works less there than it would, and the threads of one look are seen one after the other.
+const STARVED: Duration = Duration::from_millis(5);
 
 /// The watch over all processes below one.
 pub(crate) struct Starting {
     root: Option<u32>,
     born: Instant,
     last: Option<Look>,
+    /// Whether all rested between the last two looks, and whether that is believed.
+    rested: bool,
     rests: bool,
     over: bool,
     starved: Duration,
@@ -27,7 +32,8 @@ impl Starting {
     /// Without a root there is nothing that can be seen to start.
     pub(crate) fn below(root: Option<u32>) -> Starting {
         let born = Instant::now();
-        Starting { root, born, last: None, rests: false, over: false, starved: Duration::ZERO }
+        let starved = Duration::ZERO;
+        Starting { root, born, last: None, rested: false, rests: false, over: false, starved }
     }
 
     /// Whether nobody has worked for a while. `changed`, whether the graph has changed since the
@@ -41,17 +47,23 @@ impl Starting {
     pub(crate) fn rests(&mut self, changed: bool) -> bool {
         let Some(root) = self.root else { return true };
         self.rests &= !changed;
+        self.rested &= !changed;
         let before = self.last.as_ref().filter(|_| !changed);
         if before.is_some_and(|before| self.born.elapsed() < before.at + QUIET) {
             return self.rests;
         }
-        let now = look(&descendants(root, &Default::default()), self.born);
-        self.rests = before.is_some_and(|before| rested(before, &now));
-        if let Some(last) = &self.last {
-            self.starved += now.starved_since(last);
-        }
-        self.last = Some(now);
+        self.see(look(&descendants(root, &Default::default()), self.born), changed);
         self.rests
+    }
+
+    fn see(&mut self, now: Look, changed: bool) {
+        let starved = self.last.as_ref().map_or(Duration::ZERO, |last| now.starved_since(last));
+        let before = self.last.as_ref().filter(|_| !changed);
+        let rested = before.is_some_and(|before| rested(before, &now));
+        self.rests = rested && (self.rested || starved < STARVED);
+        self.rested = rested;
+        self.starved += starved;
+        self.last = Some(now);
     }
 
     /// Whether processes were seen at the last look, and none of their threads slept until a time, after
@@ -111,6 +123,34 @@ mod tests {
         assert!(!rested(&before, &starved));
         starved.threads.get_mut(&(8, 8)).unwrap().0.nanoseconds += 1_000_000;
         assert!(!rested(&before, &starved));
+    }
+
+    #[test]
+    fn on_a_busy_machine_all_must_rest_in_two_looks_in_a_row() {
+        // A master and a node of it ask each other in turns, and each wants a fifth of a processor.
+        let look = |at: u64, ran: u64, waited: u64| {
+            let nanoseconds = (ran + waited) * 1_000_000;
+            let demand = Demand { nanoseconds, waited: waited * 1_000_000, turns: 0 };
+            let threads = [(7, 7), (8, 8)].map(|thread| (thread, (demand, Waits::Else)));
+            Look { at: Duration::from_millis(at), threads: threads.into() }
+        };
+        let seen = |looks: &[(u64, u64, u64, bool)]| -> Vec<bool> {
+            let mut starting = Starting::below(Some(7));
+            let one = |&(at, ran, waited, changed): &(u64, u64, u64, bool)| {
+                starting.rested &= !changed;
+                starting.see(look(at, ran, waited), changed);
+                starting.rests
+            };
+            looks.iter().map(one).collect()
+        };
+        let starved = [(0, 0, 0, false), (100, 10, 10, false), (200, 20, 20, false)];
+        assert_eq!(seen(&starved), [false, false, true]);
+        let between = [(0, 0, 0, false), (100, 10, 10, false), (200, 50, 20, false)];
+        assert_eq!(seen(&between), [false; 3]);
+        let changed = [starved[0], starved[1], (200, 20, 20, true), (300, 30, 30, false)];
+        assert_eq!(seen(&changed), [false; 4]);
+        assert_eq!(seen(&[(0, 0, 0, false), (100, 20, 0, false)]), [false, true]);
+        assert_eq!(seen(&[(0, 0, 0, false), (100, 16, 4, false)]), [false, true]);
     }
 
     #[test]

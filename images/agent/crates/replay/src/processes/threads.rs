@@ -54,8 +54,19 @@ pub(crate) fn demand(schedstat: &str) -> Option<Demand> {
     Some(Demand { nanoseconds: ran.saturating_add(waited), waited, turns })
 }
 
+/// What a thread waits for, by its `syscall` and by its `stat` (proc(5)), of which the second was read later: who slept
+/// by the first and runs by the second has something to do.
+pub(crate) fn waits(syscall: &str, stat: &str) -> Option<Waits> {
+    // The name, in brackets, may have any letters.
+    match stat.rsplit(')').next().and_then(|rest| rest.trim_start().chars().next()) {
+        Some('D') => Some(Waits::Disk),
+        Some('R') => Some(Waits::Processor),
+        _ => in_call(syscall),
+    }
+}
+
 /// Reads /proc/PID/task/TID/syscall: a number and its arguments in hexadecimal, or `running`.
-pub(crate) fn waits(syscall: &str) -> Option<Waits> {
+fn in_call(syscall: &str) -> Option<Waits> {
     let mut words = syscall.split_ascii_whitespace();
     let first = words.next()?;
     if first == "running" {
@@ -72,12 +83,6 @@ pub(crate) fn waits(syscall: &str) -> Option<Waits> {
     Some(Waits::Bytes(descriptor))
 }
 
-/// Whether a thread waits for a disk, by its line of /proc/PID/task/TID/stat (proc(5), field 3).
-pub(crate) fn waits_for_disk(stat: &str) -> bool {
-    // The name, in brackets, may have any letters.
-    stat.rsplit(')').next().is_some_and(|rest| rest.trim_start().starts_with('D'))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -88,33 +93,40 @@ mod tests {
         let ran = Demand { nanoseconds: 1_500, waited: 500, turns: 7 };
         assert_eq!(demand("1000 500 7\n"), Some(ran));
         assert_eq!(demand("1000 500\n"), None);
-        assert_eq!(waits("running\n"), Some(Waits::Processor));
-        assert_eq!(waits("-1 0x7ffd 0x7f08\n"), Some(Waits::Else));
-        assert_eq!(waits(""), None);
+        assert_eq!(in_call("running\n"), Some(Waits::Processor));
+        assert_eq!(in_call("-1 0x7ffd 0x7f08\n"), Some(Waits::Else));
+        assert_eq!(in_call(""), None);
     }
 
     #[cfg(target_arch = "x86_64")]
     #[test]
     fn a_thread_that_waits_for_bytes_names_the_descriptor() {
-        assert_eq!(waits("45 0x1f 0x55aa 0x10000 0x0 0x0 0x0 0x7ff 0x7f"), Some(Waits::Bytes(31)));
-        assert_eq!(waits("230 0x1 0x0 0x7ff 0x0 0x0 0x0 0x7 0x7"), Some(Waits::Time));
-        assert_eq!(waits("202 0x1 0x0"), Some(Waits::Else));
-        assert_eq!(waits("45"), None);
+        assert_eq!(
+            in_call("45 0x1f 0x55aa 0x10000 0x0 0x0 0x0 0x7ff 0x7f"),
+            Some(Waits::Bytes(31))
+        );
+        assert_eq!(in_call("230 0x1 0x0 0x7ff 0x0 0x0 0x0 0x7 0x7"), Some(Waits::Time));
+        assert_eq!(in_call("202 0x1 0x0"), Some(Waits::Else));
+        assert_eq!(in_call("45"), None);
     }
 
     #[test]
-    fn a_thread_in_uninterruptible_sleep_waits_for_a_disk() {
-        assert!(waits_for_disk("7 (py) S) D 1 7 7 0"));
-        assert!(!waits_for_disk("7 (D D) S 1 7 7 0"));
-        assert!(!waits_for_disk("7 (a) R 1 7 7 0"));
-        assert!(!waits_for_disk(""));
+    fn a_threads_later_state_overrules_the_call_that_it_was_in() {
+        let disk = "-1 0x7ffd 0x7f08\n";
+        assert_eq!(waits(disk, "7 (py) S) D 1 7 7 0"), Some(Waits::Disk));
+        assert_eq!(waits(disk, "7 (D D) S 1 7 7 0"), Some(Waits::Else));
+        assert_eq!(waits(disk, "7 (a) R 1 7 7 0"), Some(Waits::Processor));
+        assert_eq!(waits("running", "7 (R) S 1 7 7 0"), Some(Waits::Processor));
+        assert_eq!(waits(disk, ""), Some(Waits::Else));
+        assert_eq!(waits("", ""), None);
     }
 
     proptest! {
         #[test]
         fn no_text_makes_the_readers_panic(text in "(?s).{0,100}") {
             demand(&text);
-            waits(&text);
+            waits(&text, &text);
+            in_call(&text);
         }
     }
 }
