@@ -1,121 +1,83 @@
 """Programs over one storage in memory, one step at a time, in every order that differs.
 
 A step is one request to storage. Programs are deterministic, so what they have been answered is all
-there is to know of them: an order that leads to a state that was met before is not followed again.
+there is to know of them: a program is run once for each course of answers, and an order is followed
+no further than to a state that was met before.
 """
 
 import random
-import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from bagpipe.storage import StorageError
 
 # (program, what becomes of its step): "ok", "lost" (done, and its answer is lost), "crash".
 Choice = tuple[int, str]
-_STUCK_SECONDS = 60.0
-
-
-class CrashError(BaseException):
-    """The program's machine is gone; nothing of it is done any more."""
-
-
-@dataclass
-class Step:
-    """A request that waits for its turn."""
-
-    name: str
-    uri: str
-
-
-@dataclass
-class World:
-    """The files, the programs that wait, and what each was answered."""
-
-    programs: int
-    forbidden: Callable[["World", Step], None]
-    files: dict[str, bytes] = field(default_factory=dict)
-    may_fail: bool = False
-    waiting: dict[int, Step] = field(default_factory=dict)
-    answers: dict[int, list[str]] = field(default_factory=dict)
-    faults: list[str] = field(default_factory=list)
-    _granted: dict[int, str] = field(default_factory=dict)
-    _turns: list[threading.Lock] = field(init=False)
-    _back: threading.Lock = field(default_factory=threading.Lock)
-
-    def __post_init__(self) -> None:
-        self._turns = [threading.Lock() for _ in range(self.programs)]
-        for lock in [*self._turns, self._back]:
-            lock.acquire()
-
-    def ask(self, program: int, name: str, uri: str, act: Callable[[], Any]) -> Any:
-        """One step: waits for its turn, is done as a whole, and is answered or not."""
-        step = Step(name, uri)
-        self.waiting[program] = step
-        self._back.release()
-        assert self._turns[program].acquire(timeout=_STUCK_SECONDS)
-        how = self._granted.pop(program)
-        del self.waiting[program]
-        if how == "crash":
-            raise CrashError
-        self.forbidden(self, step)
-        try:
-            answer = act()
-        except StorageError as error:
-            self.answers.setdefault(program, []).append(f"{name} {uri}: {error}")
-            raise
-        reply = "lost" if how == "lost" else repr(answer)
-        self.answers.setdefault(program, []).append(f"{name} {uri}: {reply}")
-        if how == "lost":
-            raise StorageError(f"{uri}: the answer was lost")
-        return answer
-
-    def await_one(self) -> None:
-        """Until the one program that runs waits for its turn, or has ended."""
-        assert self._back.acquire(timeout=_STUCK_SECONDS)
-
-    def grant(self, choice: Choice) -> None:
-        """Give a program its turn, and wait until it waits for another one."""
-        program, how = choice
-        self._granted[program] = how
-        if how != "ok":
-            self.faults.append(how)
-        self._turns[program].release()
-        self.await_one()
-
-    def end(self) -> None:
-        """The program that runs has ended."""
-        self._back.release()
-
-    def state(self) -> int:
-        """What may still become of it all."""
-        answers = tuple((n, tuple(reply)) for n, reply in sorted(self.answers.items()))
-        files = tuple(sorted(self.files.items()))
-        return hash((answers, files, tuple(sorted(self.waiting)), tuple(self.faults)))
+Files = dict[str, bytes]
+# Whoever asks more often than this tries the same again and again.
+_MOST_STEPS = 200
 
 
 @dataclass(frozen=True)
+class Step:
+    """A request that waits for its turn, and what it does to the files."""
+
+    name: str
+    uri: str
+    act: Callable[[Files], Any] = field(repr=False)
+
+
+@dataclass(frozen=True)
+class Ended:
+    """What a program returned, or the error that it raised."""
+
+    result: Any = None
+    error: Exception | None = None
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a step gave or raised; the text tells it from every other one."""
+
+    text: str
+    value: Any = None
+    error: StorageError | None = None
+
+
+class _UnansweredError(BaseException):
+    """What the program has asked last is not answered yet: it goes no further."""
+
+
 class Door:
-    """Storage as one program has it."""
+    """Storage as one program has it: answers it, and keeps what it asks first behind that."""
 
-    world: World
-    program: int
+    def __init__(self, program: int, programs: int, answers: tuple[Answer, ...]) -> None:
+        self.program = program
+        self.programs = programs
+        self.step: Step | None = None
+        self._answers = iter(answers)
 
-    def _ask(self, name: str, uri: str, act: Callable[[], Any]) -> Any:
-        return self.world.ask(self.program, name, uri, act)
-
-    def _read(self, uri: str) -> bytes:
-        if uri not in self.world.files:
-            raise StorageError(f"{uri} is not there")
-        return self.world.files[uri]
+    def _ask(self, name: str, uri: str, act: Callable[[Files], Any]) -> Any:
+        if self.step is None:
+            if (answer := next(self._answers, None)) is not None:
+                if answer.error is not None:
+                    raise StorageError(str(answer.error))
+                return answer.value
+            self.step = Step(name, uri, act)
+        raise _UnansweredError
 
     def exists(self, uri: str) -> bool:
-        return bool(self._ask("exists", uri, lambda: uri in self.world.files))
+        return bool(self._ask("exists", uri, lambda files: uri in files))
 
     def read_all(self, uri: str, _limit: int) -> bytes:
-        return bytes(self._ask("read", uri, lambda: self._read(uri)))
+        def read(files: Files) -> bytes:
+            if uri not in files:
+                raise StorageError(f"{uri} is not there")
+            return files[uri]
+
+        return bytes(self._ask("read", uri, read))
 
     def open(self, uri: str) -> Any:
         data = self.read_all(uri, 0)
@@ -124,17 +86,19 @@ class Door:
     def names(self, folder: str) -> list[str]:
         below = f"{folder}/"
 
-        def names() -> list[str]:
-            return sorted(uri[len(below) :] for uri in self.world.files if uri.startswith(below))
+        def names(files: Files) -> list[str]:
+            return sorted(uri[len(below) :] for uri in files if uri.startswith(below))
 
         return list(self._ask("names", folder, names))
 
     def remove(self, uri: str) -> None:
-        self._ask("remove", uri, lambda: self.world.files.pop(uri, None) and None)
+        self._ask("remove", uri, lambda files: files.pop(uri, None) and None)
 
     def put_once(self, uri: str, data: bytes) -> bool:
-        def put() -> bool:
-            return self.world.files.setdefault(uri, data) is data
+        def put(files: Files) -> bool:
+            there = uri in files
+            files.setdefault(uri, data)
+            return not there
 
         return bool(self._ask("put_once", uri, put))
 
@@ -145,68 +109,138 @@ class Door:
     def create(self, uri: str) -> Iterator[Any]:
         data = bytearray()
         yield type("New", (), {"write": lambda _self, more: data.extend(more)})()
-        self._ask("create", uri, lambda: self.world.files.update({uri: bytes(data)}))
+        written = bytes(data)
+        self._ask("create", uri, lambda files: files.update({uri: written}))
 
 
-def run(
-    world: World, programs: list[Callable[[Door], None]], order: list[Choice]
-) -> Iterator[tuple[int, list[Choice]]]:
-    """Follow an order as far as it goes, then the first that waits; gives each state and what
-    could be chosen there.
-    """
-    threads = [
-        threading.Thread(target=_program, args=(world, number, program), daemon=True)
-        for number, program in enumerate(programs)
-    ]
-    for thread in threads:
-        thread.start()
-        world.await_one()
-    at = 0
-    while waiting := sorted(world.waiting):
-        choices = [(number, how) for number in waiting for how in _ways(world, number)]
-        yield world.state(), choices
-        world.grant(order[at] if at < len(order) else choices[0])
-        at += 1
-    for thread in threads:
-        thread.join(_STUCK_SECONDS)
+class Programs:
+    """So many of one kind beside each other."""
+
+    def __init__(self, count: int, program: Callable[[Door], Any]) -> None:
+        self.count = count
+        self._program = program
+        self._known: dict[tuple[int, tuple[str, ...]], Step | Ended] = {}
+
+    def after(self, number: int, answers: tuple[Answer, ...]) -> Step | Ended:
+        """What a program asks next when it was answered so, or its end."""
+        course = number, tuple(each.text for each in answers)
+        if course not in self._known:
+            self._known[course] = self._run(Door(number, self.count, answers))
+        return self._known[course]
+
+    def _run(self, door: Door) -> Step | Ended:
+        try:
+            ended = Ended(self._program(door))
+        except _UnansweredError:
+            ended = Ended()
+        except Exception as error:  # noqa: BLE001  who follows the programs reports it
+            ended = Ended(error=error)
+        return door.step or ended
 
 
-def _ways(world: World, number: int) -> list[str]:
-    """One fault in all: an answer is lost, of a step that changes something, or one is dead."""
-    if world.faults or not world.may_fail:
-        return ["ok"]
-    changes = world.waiting[number].name in {"put_once", "create"}
-    return ["ok", "lost", "crash"] if changes else ["ok", "crash"]
+@dataclass(frozen=True)
+class State:
+    """The files, what each program was answered, who has crashed, and how it all came about."""
+
+    programs: Programs
+    files: Mapping[str, bytes]
+    answers: tuple[tuple[Answer, ...], ...]
+    crashed: frozenset[int] = frozenset()
+    faults: tuple[str, ...] = ()
+    order: tuple[Choice, ...] = ()
+
+    @property
+    def key(self) -> int:
+        """What may still become of it all."""
+        answers = tuple(tuple(each.text for each in answered) for answered in self.answers)
+        return hash((answers, tuple(sorted(self.files.items())), self.crashed, self.faults))
+
+    @property
+    def ends(self) -> dict[int, Ended]:
+        """Of those that have ended, and not by a crash."""
+        found = {number: self._next(number) for number in self._alive()}
+        return {number: each for number, each in found.items() if isinstance(each, Ended)}
+
+    def choices(self, may_fail: bool) -> list[Choice]:
+        """One fault in all: an answer is lost, of a step that changes something, or one is dead."""
+        found = []
+        for number in self._alive():
+            step = self._next(number)
+            if isinstance(step, Ended):
+                continue
+            ways = ["ok"]
+            if may_fail and not self.faults:
+                changes = step.name in {"put_once", "create"}
+                ways = ["ok", "lost", "crash"] if changes else ["ok", "crash"]
+            found += [(number, how) for how in ways]
+        return found
+
+    def then(
+        self, choice: Choice, forbidden: Callable[[Mapping[str, bytes], Step], None]
+    ) -> "State":
+        """One step as a whole, answered or not."""
+        number, how = choice
+        order = (*self.order, choice)
+        assert len(order) <= _MOST_STEPS, order
+        faults = self.faults if how == "ok" else (*self.faults, how)
+        if how == "crash":
+            return replace(self, crashed=self.crashed | {number}, faults=faults, order=order)
+        step = self._next(number)
+        assert isinstance(step, Step)
+        forbidden(self.files, step)
+        files = dict(self.files)
+        answer = _answer(step, files, lost=how == "lost")
+        answers = list(self.answers)
+        answers[number] = (*answers[number], answer)
+        return replace(self, files=files, answers=tuple(answers), faults=faults, order=order)
+
+    def _alive(self) -> list[int]:
+        return [number for number in range(self.programs.count) if number not in self.crashed]
+
+    def _next(self, number: int) -> Step | Ended:
+        return self.programs.after(number, self.answers[number])
 
 
-def _program(world: World, number: int, program: Callable[[Door], None]) -> None:
+def _answer(step: Step, files: Files, lost: bool) -> Answer:
+    asked = f"{step.name} {step.uri}"
     try:
-        program(Door(world, number))
-    except CrashError:
-        world.answers.setdefault(number, []).append("crashed")
-    finally:
-        world.end()
+        value = step.act(files)
+    except StorageError as error:
+        return Answer(f"{asked}: {error}", error=error)
+    if lost:
+        return Answer(f"{asked}: lost", error=StorageError(f"{step.uri}: the answer was lost"))
+    return Answer(f"{asked}: {value!r}", value)
 
 
 def orders(
-    follow: Callable[[list[Choice]], Iterator[tuple[int, list[Choice]]]], most: int | None = None
+    programs: Programs,
+    forbidden: Callable[[Mapping[str, bytes], Step], None],
+    ended: Callable[[State], None],
+    files: Mapping[str, bytes] | None = None,
+    may_fail: bool = False,
+    most: int | None = None,
 ) -> int:
     """Follow every order that leads to a state not met before; how many states there are.
 
-    With `most`: so many runs, drawn from all that are left by a fixed seed.
+    `forbidden` looks at each step before it is done, and `ended` at each state in which no program
+    goes on. With `most`: so many runs, drawn from all that are left by a fixed seed.
     """
     met: set[int] = set()
-    left: list[list[Choice]] = [[]]
+    begin = State(programs, files or {}, ((),) * programs.count)
+    left: list[tuple[State, Choice | None]] = [(begin, None)]
     rng = random.Random(1)  # noqa: S311
     runs = 0
     while left and (most is None or runs < most):
         runs += 1
-        order = left.pop(rng.randrange(len(left)))
-        taken: list[Choice] = []
-        for at, (state, choices) in enumerate(follow(order)):
-            chosen = order[at] if at < len(order) else choices[0]
-            if at >= len(order) and state not in met:
-                met.add(state)
-                left += [[*taken, other] for other in choices[1:]]
-            taken.append(chosen)
+        state, choice = left.pop(rng.randrange(len(left)))
+        if choice is not None:
+            state = state.then(choice, forbidden)
+        while (key := state.key) not in met:
+            met.add(key)
+            choices = state.choices(may_fail)
+            if not choices:
+                ended(state)
+                break
+            left += [(state, other) for other in choices[1:]]
+            state = state.then(choices[0], forbidden)
     return len(met)

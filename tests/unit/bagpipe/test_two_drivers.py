@@ -3,8 +3,7 @@ and a driver that dies anywhere: one manifest counts, and nothing that counts is
 """
 
 import json
-import threading
-from collections.abc import Iterator
+from collections.abc import Mapping
 from functools import partial
 from types import SimpleNamespace
 from typing import Any
@@ -20,13 +19,13 @@ from bagpipe.spec import JobFile
 from bagpipe.storage import Storage, StorageError
 from tests.unit.bagpipe import interleaving
 from tests.unit.bagpipe.drivers import case, ran
-from tests.unit.bagpipe.interleaving import Choice, Door, Step, World
+from tests.unit.bagpipe.interleaving import Door, Programs, State, Step
 from tests.unit.bagpipe.jobs import make_job
 
 JOB = make_job({}, output={"uri": "s3://bucket/out"})
 FOLDER = "s3://bucket/out/drive/uid-1"
 MANIFEST, LINES = f"{FOLDER}/manifest.json", f"{FOLDER}/results.jsonl"
-doors = threading.local()
+doors = SimpleNamespace()
 
 
 class Place(driver.Place):
@@ -79,72 +78,72 @@ class NoArtefacts:
         return []
 
 
-def counted(world: World) -> set[str]:
-    manifest = json.loads(world.files[MANIFEST])
+def counted(files: Mapping[str, bytes]) -> set[str]:
+    manifest = json.loads(files[MANIFEST])
     return {f"{FOLDER}/{each['recorded']}" for each in manifest["cases"] if each["recorded"]}
 
 
-def forbidden(world: World, step: Step) -> None:
+def forbidden(files: Mapping[str, bytes], step: Step) -> None:
     """What no driver may ever ask for."""
     if step.uri == MANIFEST:
         assert step.name in {"put_once", "exists", "read"}, step
     if step.name != "remove":
         return
-    assert MANIFEST in world.files, f"{step} before anything counts"
-    assert step.uri not in counted(world), f"{step} counts"
+    assert MANIFEST in files, f"{step} before anything counts"
+    assert step.uri not in counted(files), f"{step} counts"
     if "/journal/" in step.uri:
-        assert LINES in world.files, f"{step} before its rows are published"
+        assert LINES in files, f"{step} before its rows are published"
 
 
 def name_of(door: Door) -> str:
     """The driver's, which no other has: one that comes later is none of the first."""
-    return f"driver{door.program}of{door.world.programs}"
+    return f"driver{door.program}of{door.programs}"
 
 
-def drive(door: Door, started: dict[int, Progress], faults: list[BaseException]) -> None:
+def drive(door: Door) -> Progress:
     """One driver from its begin to its end."""
     doors.mine, doors.name = door, name_of(door)
-    progress = started[door.program] = Progress(FOLDER)
-    try:
-        driver.run(JOB, progress, place=Place(door))
-    except Exception as error:  # noqa: BLE001  the test's own thread reports it
-        faults.append(error)
+    progress = Progress(FOLDER)
+    driver.run(JOB, progress, place=Place(door))
+    return progress
 
 
-def assert_whole(world: World) -> None:
-    manifest = json.loads(world.files[MANIFEST])
-    assert counted(world) <= world.files.keys()
-    lines = [json.loads(line) for line in world.files[LINES].splitlines()]
+def assert_whole(files: Mapping[str, bytes]) -> None:
+    manifest = json.loads(files[MANIFEST])
+    assert counted(files) <= files.keys()
+    lines = [json.loads(line) for line in files[LINES].splitlines()]
     written = [(row["case"], row["outcome"], row["recorded"]) for row in lines]
     assert written == [(row["case"], row["outcome"], row["recorded"]) for row in manifest["cases"]]
 
 
-def follow(
-    programs: int,
-    order: list[Choice],
-    files: dict[str, bytes] | None = None,
-    may_fail: bool = False,
-) -> Iterator[tuple[int, list[Choice]]]:
-    """One run of some drivers in some order, and of one that comes after them alone."""
-    started: dict[int, Progress] = {}
-    faults: list[BaseException] = []
-    world = World(programs, forbidden, {} if files is None else files, may_fail)
-    work = partial(drive, started=started, faults=faults)
-    yield from interleaving.run(world, [work] * programs, order)
-    assert not faults, (faults, order)
-    for number, progress in started.items():
-        if "crashed" not in world.answers[number]:
-            assert_whole(world)
-            manifest = json.loads(world.files[MANIFEST])
-            assert (progress.phase, progress.verdict) == (manifest["phase"], manifest["verdict"])
-    if files is None:
-        later = dict(world.files)
-        for _ in follow(1, [], later):
-            pass
-        assert_whole(World(1, forbidden, later))
-        assert not [uri for uri in later if "/journal/" in uri]
-        if MANIFEST in world.files:
-            assert later[MANIFEST] == world.files[MANIFEST]
+def assert_ended(state: State) -> None:
+    """Whoever has not crashed has ended well, and reported what counts."""
+    for end in state.ends.values():
+        assert end.error is None, (end.error, state.order)
+        assert_whole(state.files)
+        manifest = json.loads(state.files[MANIFEST])
+        progress = end.result
+        assert (progress.phase, progress.verdict) == (manifest["phase"], manifest["verdict"])
+
+
+def follow(may_fail: bool = False, most: int | None = None) -> int:
+    """Two drivers in their orders, behind each of which one comes alone; how many states."""
+    one = Programs(1, drive)
+
+    def ended(state: State) -> None:
+        assert_ended(state)
+        interleaving.orders(one, forbidden, partial(later, state), state.files)
+
+    return interleaving.orders(Programs(2, drive), forbidden, ended, may_fail=may_fail, most=most)
+
+
+def later(before: State, state: State) -> None:
+    """The one that comes alone has left all as it is to be, and the manifest as it was."""
+    assert_ended(state)
+    assert_whole(state.files)
+    assert not [uri for uri in state.files if "/journal/" in uri]
+    if MANIFEST in before.files:
+        assert state.files[MANIFEST] == before.files[MANIFEST]
 
 
 @pytest.fixture(autouse=True)
@@ -162,8 +161,8 @@ def in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
 
 # Promise: manifest-once
 def test_of_two_drivers_in_every_order_one_counts_and_keeps_all_that_does() -> None:
-    assert interleaving.orders(partial(follow, 2)) > 100
+    assert follow() > 100
 
 
 def test_so_it_is_where_an_answer_is_lost_or_a_driver_dies() -> None:
-    interleaving.orders(partial(follow, 2, may_fail=True), most=1000)
+    follow(may_fail=True, most=1000)
