@@ -29,7 +29,7 @@ NAMESPACE = "bench"
 # As often as Prometheus would: a look at thousands of jobs is work for the operator, too.
 LOOK_SECONDS = 15.0
 # Three bytes of JSON for each, and sixty of Python's; more is refused by etcd.
-NOTHING: list[list[int]] = [[] for _ in range(470_000)]
+EMPTY_LISTS = 470_000
 _PASSED_ON = ("Accept", "Content-Type")
 _PARTIAL = "as=PartialObjectMetadataList"
 
@@ -72,7 +72,7 @@ async def _settled_job(admin: Client, kubeconfig: Path, folder: Path) -> Object:
     admin.create("/api/v1/namespaces", {"metadata": {"name": NAMESPACE}})
     job = a_job("largest")
     job["spec"] |= {"suspend": True}
-    job["spec"]["stack"]["parameters"] = {"/x": NOTHING}
+    job["spec"]["stack"]["parameters"] = {"/x": [[] for _ in range(EMPTY_LISTS)]}
     admin.create(jobs(NAMESPACE), job)
     operator = Operator(kubeconfig, folder / "first.log")
     operator.start()

@@ -22,7 +22,7 @@ CRD = Path(__file__).parents[3] / "crds/simulationjobs.yaml"
 
 
 def status_schema() -> dict[str, Any]:
-    crd = yaml.safe_load(CRD.read_text())
+    crd = yaml.load(CRD.read_text(), Loader=yaml.CSafeLoader)
     schema: dict[str, Any] = crd["spec"]["versions"][0]["schema"]["openAPIV3Schema"]
     fields: dict[str, Any] = schema["properties"]["status"]["properties"]
     return fields

@@ -24,7 +24,7 @@ def of_its_own_chart(chart: Path, *values: str) -> list[Object]:
     where = ["--namespace", "lanes", "--kube-version", "1.34.4"]
     answer = helm("template", "bagpipe-namespace", str(chart), *where, *settings)
     assert answer.returncode == 0, answer.stderr
-    return [o for o in yaml.safe_load_all(answer.stdout) if o]
+    return [o for o in yaml.load_all(answer.stdout, Loader=yaml.CSafeLoader) if o]
 
 
 def of_the_main_chart(*values: str) -> list[Object]:

@@ -144,7 +144,7 @@ def test_prometheus_reads_the_agents_of_as_many_images_as_a_job_may_have_and_not
     objects = rendered(*ON, f"networkPolicy.metricsFrom={json.dumps([MONITORING])}")
     policies, executor = of_kind(objects, "NetworkPolicy"), HERE["executor"]
     prometheus = Pod("monitoring", (("app", "prometheus"),))
-    most = yaml.safe_load((ROOT / "crds/simulationjobs.yaml").read_text())
+    most = yaml.load((ROOT / "crds/simulationjobs.yaml").read_text(), Loader=yaml.CSafeLoader)
     schema = most["spec"]["versions"][0]["schema"]["openAPIV3Schema"]["properties"]["spec"]
     images = schema["properties"]["variants"]["maxItems"]
     ways = range(AGENT - 1, AGENT + images + 1)

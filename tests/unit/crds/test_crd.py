@@ -24,7 +24,7 @@ LARGEST_BYTES = 147_456
 
 @pytest.fixture(scope="module")
 def crd() -> Schema:
-    loaded: Schema = yaml.safe_load(CRD.read_text())
+    loaded: Schema = yaml.load(CRD.read_text(), Loader=yaml.CSafeLoader)
     return loaded
 
 

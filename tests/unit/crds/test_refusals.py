@@ -29,7 +29,7 @@ KUBERNETES = (
 
 @pytest.fixture(scope="module")
 def schema() -> Schema:
-    known = schema_of(yaml.safe_load(CRD.read_text()))
+    known = schema_of(yaml.load(CRD.read_text(), Loader=yaml.CSafeLoader))
     added = {"apiVersion": TEXT, "kind": TEXT, "metadata": ANY}
     return known | {"properties": known["properties"] | added}
 

@@ -18,7 +18,7 @@ SCHEDULES = ROOT / "crds" / "simulationschedules.yaml"
 
 @pytest.fixture(scope="module")
 def crd() -> Schema:
-    loaded: Schema = yaml.safe_load(SCHEDULES.read_text())
+    loaded: Schema = yaml.load(SCHEDULES.read_text(), Loader=yaml.CSafeLoader)
     return loaded
 
 
@@ -34,7 +34,7 @@ def rules(schema: Schema) -> list[Schema]:
 
 def test_it_is_small_enough_for_kubectl_apply() -> None:
     # kubectl keeps the whole object, as JSON, in an annotation of at most 262,144 bytes.
-    assert len(json.dumps(yaml.safe_load(SCHEDULES.read_text()))) < 200_000
+    assert len(json.dumps(yaml.load(SCHEDULES.read_text(), Loader=yaml.CSafeLoader))) < 200_000
 
 
 def test_every_field_is_described_in_sentences(crd: Schema) -> None:
@@ -57,7 +57,9 @@ def test_every_list_text_and_map_of_the_spec_is_bounded(spec: Schema) -> None:
 
 def test_what_the_operator_reads_of_a_status_is_a_field_of_one() -> None:
     # The API server drops what its CRD does not have, without a word.
-    crds = [schema_of(yaml.safe_load(each.read_text())) for each in (CRD, SCHEDULES)]
+    crds = [
+        schema_of(yaml.load(each.read_text(), Loader=yaml.CSafeLoader)) for each in (CRD, SCHEDULES)
+    ]
     kept = {field for crd in crds for field in crd["properties"]["status"]["properties"]}
     assert set(readings.STATUS_FIELDS) - kept == set()
 
@@ -69,14 +71,14 @@ def test_the_run_that_passed_is_kept_whole(crd: Schema) -> None:
 
 
 def test_a_template_has_the_fields_of_a_job(spec: Schema) -> None:
-    job = schema_of(yaml.safe_load(CRD.read_text()))["properties"]["spec"]
+    job = schema_of(yaml.load(CRD.read_text(), Loader=yaml.CSafeLoader))["properties"]["spec"]
     template = spec["properties"]["jobTemplate"]["properties"]["spec"]
     assert [p for p, _ in walk(template)] == [p for p, _ in walk(job)]
     assert template["required"] == job["required"]
 
 
 def test_a_template_has_the_rules_of_a_job_but_those_against_changes(spec: Schema) -> None:
-    job = schema_of(yaml.safe_load(CRD.read_text()))["properties"]["spec"]
+    job = schema_of(yaml.load(CRD.read_text(), Loader=yaml.CSafeLoader))["properties"]["spec"]
     template = spec["properties"]["jobTemplate"]["properties"]["spec"]
     lasting = [rule for rule in rules(job) if "oldSelf" not in rule["rule"]]
     assert rules(template) == lasting

@@ -18,7 +18,7 @@ KINDS = {"SimulationJob": "simulationjob", "SimulationSchedule": "simulationsche
 MANIFESTS = [
     (path, manifest)
     for path in sorted((ROOT / "docs/examples").rglob("*.yaml"))
-    for manifest in yaml.safe_load_all(path.read_text())
+    for manifest in yaml.load_all(path.read_text(), Loader=yaml.CSafeLoader)
     if manifest and manifest.get("kind") in KINDS
 ]
 
