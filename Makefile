@@ -16,6 +16,9 @@ endif
 
 export BAGPIPE_CACHE ?= $(HOME)/.cache/bagpipe
 export PATH := $(BAGPIPE_CACHE)/bin/tools:$(PATH)
+# Containers and CI set it, and then each process of the tests compiles all that it imports, and pytest
+# rewrites all assertions in each of them.
+unexport PYTHONDONTWRITEBYTECODE
 
 CLUSTER_PY := python3 tests/cluster/cluster.py
 STEP := @python3 tests/cluster/step.py
