@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Container, Iterable
+from functools import cache
 from typing import Any
 
 from rosbags.typesys import Stores, get_typestore
@@ -61,7 +62,7 @@ def bag(entries: Iterable[Entry], latching: Container[str] = ()) -> bytes:
     writer = MemoryBag.writer()
     for topic, seconds, message in sorted(entries, key=lambda e: e[1]):
         name = message.__msgtype__
-        definition, md5 = STORE.generate_msgdef(name)
+        definition, md5 = _definition(name)
         writer.write(
             topic,
             round(seconds * SECOND),
@@ -72,6 +73,13 @@ def bag(entries: Iterable[Entry], latching: Container[str] = ()) -> bytes:
             latching=topic in latching,
         )
     return writer.finish().to_bytes()
+
+
+@cache
+def _definition(name: str) -> tuple[str, str]:
+    """Made once for each type: it takes longer than to write a message."""
+    made: tuple[str, str] = STORE.generate_msgdef(name)
+    return made
 
 
 def recording(entries: Iterable[Entry], latching: Container[str], made_of: str) -> bytes:

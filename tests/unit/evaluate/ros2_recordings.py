@@ -2,6 +2,7 @@
 
 import io
 from collections.abc import Container, Iterable
+from functools import cache
 from typing import Any
 
 from mcap.writer import CompressionType, Writer
@@ -59,6 +60,7 @@ def mcap(
     return stream.getvalue()
 
 
+@cache
 def definition(name: str, schema: str) -> str:
     """A type's full definition, with those that it uses."""
     if schema == "ros2msg":

@@ -62,7 +62,7 @@ def made(channels: int) -> bytes:
     return stream.getvalue()
 
 
-def test_a_definition_is_read_once_however_many_channels_have_it(
+def test_a_definition_is_read_once_however_many_channels_and_recordings_have_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     read: list[str] = []
@@ -73,8 +73,11 @@ def test_a_definition_is_read_once_however_many_channels_have_it(
 
     one = definitions.types_in
     monkeypatch.setattr(decoding, "types_in", types_in)
+    for kept in (decoding._types_of, decoding._store_of):
+        kept.cache_clear()
     data = made(40)
-    samples = Recording(lambda: data, 0, None).samples("/x")
-    assert [each.message.a for each in samples] == [7] * 40
-    # For its stamps, and for its values.
-    assert sorted(read) == ["int32 a # here"] * 2 + ["int32 a # there"] * 2
+    # For its stamps and for its values, of one case and of the next one.
+    for _ in range(2):
+        samples = Recording(lambda: data, 0, None).samples("/x")
+        assert [each.message.a for each in samples] == [7] * 40
+    assert sorted(read) == ["int32 a # here", "int32 a # there"]

@@ -632,6 +632,8 @@ def test_who_steps_out_before_the_ego_and_is_lost_is_feared() -> None:
     assert finding.outcome == "invalid", finding
 
 
+# Places without messages are the same, whatever recordings are made of.
+@pytest.mark.parametrize("form", ["ros1"], indirect=True)
 def test_obstacles_in_one_place_are_looked_up_as_one(monkeypatch: pytest.MonkeyPatch) -> None:
     """A tree has all that are in one place in one leaf, and each look passes all of them."""
     sizes: list[int] = []
@@ -649,6 +651,7 @@ def test_obstacles_in_one_place_are_looked_up_as_one(monkeypatch: pytest.MonkeyP
     assert {(5.0, 5.0), (9.0, 0.0), (0.0, 0.0)} == {each.place for each in followed}
 
 
+@pytest.mark.parametrize("form", ["ros1"], indirect=True)
 def test_many_that_were_lost_at_once_are_not_looked_for_in_each_of_many_messages(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

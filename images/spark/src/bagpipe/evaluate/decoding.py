@@ -3,6 +3,7 @@
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, ClassVar
 
 from rosbags.interfaces import Nodetype
@@ -21,6 +22,10 @@ _HEADERS = ((Nodetype.NAME, HEADER), (Nodetype.NAME, OLD_HEADER))
 # Between the request and the response of a service.
 _BETWEEN = "---"
 _SECOND = 1_000_000_000
+# Types that are kept from recording to recording. rosbags compiles seventeen functions for each
+# type within one, which takes longer than reading the messages of a short window; a process
+# judges the recordings of many cases, which mostly have the same types.
+_MOST_KEPT = 32
 
 
 @dataclass
@@ -50,7 +55,7 @@ def stamp_reader(connection: Any) -> Callable[[memoryview], int | None] | None:
     other types, and for those whose definition can't be read: who decodes a message says so.
     """
     try:
-        fields = _types(connection)[full_name(connection.type)][1]
+        fields = _types_of(*_definition(connection))[full_name(connection.type)][1]
     except Exception:  # noqa: BLE001  a definition of any text
         return None
     if fields and fields[0][1] in _HEADERS:
@@ -92,12 +97,8 @@ def decoder(connection: Any) -> Callable[[memoryview], Any]:
             f"{connection.type} on {connection.topic} is recorded with its service's definition,"
             " which does not say what its messages are: criteria can only count them"
         )
-    store = get_typestore(Stores.EMPTY)
     try:
-        store.register(_types(connection))
-        if connection.encoding == CDR:
-            store.types[_TIME] = Ros2Time
-        store.get_msgdef(name)  # which needs all that the definition uses
+        store = _store_of(*_definition(connection), connection.encoding)
     except Exception as error:  # a library's many faults at a definition of any text
         why = str(error).partition("\n")[0]
         raise NoEvidenceError(
@@ -108,8 +109,23 @@ def decoder(connection: Any) -> Callable[[memoryview], Any]:
     return lambda raw: store.deserialize_cdr(bytes(raw), name)
 
 
-def _types(connection: Any) -> dict[str, Any]:
-    return types_in(connection.type, connection.definition, connection.schema_encoding)
+@lru_cache(_MOST_KEPT)
+def _store_of(kind: str, definition: str, schema_encoding: str, encoding: str) -> Any:
+    store = get_typestore(Stores.EMPTY)
+    store.register(_types_of(kind, definition, schema_encoding))
+    if encoding == CDR:
+        store.types[_TIME] = Ros2Time
+    store.get_msgdef(full_name(kind))  # which needs all that the definition uses
+    return store
+
+
+@lru_cache(_MOST_KEPT)
+def _types_of(kind: str, definition: str, schema_encoding: str) -> dict[str, Any]:
+    return types_in(kind, definition, schema_encoding)
+
+
+def _definition(connection: Any) -> tuple[str, str, str]:
+    return connection.type, connection.definition, connection.schema_encoding
 
 
 def _stamp_of_ros1(raw: memoryview) -> int | None:

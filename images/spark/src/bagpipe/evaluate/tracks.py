@@ -84,7 +84,10 @@ class _Track(NamedTuple):
         """Where it would be, or as far on the way there as its speed leads; where it was last, as
         long as it has none.
         """
-        x, y = self.speed or (0.0, 0.0)
+        # Most that are looked for are lost ones without a speed.
+        if self.speed is None:
+            return self.place
+        x, y = self.speed
         since = time - self.time
         if not self._leads(time):
             since = round(math.copysign(_LEADS * self._followed, since))
