@@ -145,6 +145,8 @@ def test_values_that_are_no_number_are_times_at_which_there_is_none() -> None:
     assert len(course("bounds", {"topic": "/v", "field": "data", "max": 2}, many)["odd"]) == 20
 
 
+# How many points are kept is a matter of how many messages there are, not of their encoding.
+@pytest.mark.parametrize("form", ["ros1"], indirect=True)
 def test_the_courses_of_a_case_have_a_bound_together() -> None:
     recorded = [("/v", 10 + n / 1000, number(math.sin(n))) for n in range(9000)]
     bound = {"topic": "/v", "field": "data", "minCoverage": 0}

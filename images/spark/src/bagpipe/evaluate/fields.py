@@ -3,6 +3,7 @@
 import math
 import re
 from collections.abc import Iterable
+from functools import lru_cache
 from typing import Any
 
 from bagpipe.evaluate.decoding import nanoseconds
@@ -21,9 +22,7 @@ def number_at(message: Any, path: str) -> float:
     Raises NoEvidenceError naming what is there.
     """
     value = message
-    for part in path.split("."):
-        found = _PART.fullmatch(part)
-        name, index = (found[1], found[2]) if found else (part, None)
+    for name, index in _parts(path):
         fields = getattr(value, "__dataclass_fields__", {})
         if name not in fields:
             there = ", ".join(n for n in fields if not n.startswith("__")) or "no fields"
@@ -34,6 +33,8 @@ def number_at(message: Any, path: str) -> float:
                 value = value[int(index)]
             except (IndexError, TypeError) as error:
                 raise NoEvidenceError(f"{path}: {name} has no element {index}") from error
+    if type(value) is float:
+        return value
     if hasattr(value, "sec") and hasattr(value, "nanosec"):
         return nanoseconds(value) / 1e9
     try:
@@ -43,6 +44,14 @@ def number_at(message: Any, path: str) -> float:
     if isinstance(value, str | bytes):  # Python reads a number in it, and ROS has none there
         raise NoEvidenceError(f"{path} is no number but {type(value).__name__}")
     return int(value) if abs(number) >= _EXACT and hasattr(value, "__index__") else number
+
+
+# A criterion asks each message for the same one.
+@lru_cache(1024)
+def _parts(path: str) -> tuple[tuple[str, str | None], ...]:
+    """Names of fields with the index of an element, as far as each has one."""
+    found = [(part, _PART.fullmatch(part)) for part in path.split(".")]
+    return tuple((match[1], match[2]) if match else (part, None) for part, match in found)
 
 
 def as_map(value: Any) -> Any:
