@@ -39,7 +39,7 @@ class Ended:
 
 @dataclass(frozen=True)
 class Answer:
-    """What a step gave or raised; the text tells it from every other one."""
+    """What a step gave or raised; no other one has the same text."""
 
     text: str
     value: Any = None
