@@ -401,3 +401,18 @@ def test_where_the_recording_has_a_gap_nobody_can_be_expected_to_answer(
     # Not in the gap, but before it.
     silent = found(case(RIGHT[:6] + CARS[:6], inputs=lambda: inputs), less(measure, 0.9))
     assert silent.outcome != "passed"
+
+
+@pytest.mark.parametrize("apart", [0, 20_000, 5_000_000])
+@pytest.mark.parametrize("measure", [LATENCY, BOUNDS, HOLDS, GOAL, KEEPS_AWAY], ids=named)
+def test_a_stack_that_is_dead_after_its_first_answer_has_no_gap_of_the_recording(
+    measure: dict[str, Any], apart: int
+) -> None:
+    """Inputs come twice at each second, as of a stereo camera."""
+    if measure == GOAL:
+        measure = {"finalPose": {"topic": "/pose", "position": [10.0, 0.0], "maxDistance": 0.2}}
+    inputs = [at * 1_000_000_000 + more for at in range(10, 15) for more in (0, apart)]
+    finding = found(case([RIGHT[0], CARS[0]], inputs=lambda: inputs), measure)
+    assert finding.outcome == "invalid"
+    assert finding.coverage is not None
+    assert finding.coverage < 0.3

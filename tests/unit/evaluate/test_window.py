@@ -113,6 +113,32 @@ def test_of_the_time_in_which_inputs_came_a_silence_takes_its_share() -> None:
     assert share == pytest.approx(1 - (3 - 0.001) / 5, rel=1e-9)
 
 
+@pytest.mark.parametrize("apart", [0, 20_000, 5_000_000, 40_000_000])
+def test_inputs_that_come_together_are_no_stretches_between_gaps(apart: int) -> None:
+    """As of a stereo camera with a picture a second; the recording has a gap of 16 s."""
+    inputs = [at + more for at in seconds(*range(10), 25) for more in (0, apart)]
+    given = window(end=30.0, inputs=lambda: inputs)
+    assert given.input_time_between(0, 30 * SECOND) == pytest.approx(9 * SECOND, abs=2 * apart)
+    assert spread(seconds(0.05), given, 0.75) < 0.01
+    assert spread(seconds(0, 1, 2, 3), given, 0.75) == pytest.approx(0.45, abs=0.01)
+    assert spread(seconds(*range(10)), given, 0.75) == pytest.approx(1.0, abs=0.01)
+
+
+def test_behind_inputs_of_one_moment_alone_nobody_is_expected_to_answer() -> None:
+    for inputs in (seconds(0, 0), seconds(0), seconds(-5, 0, 30)):
+        given = window(inputs=lambda inputs=inputs: inputs)
+        assert spread(seconds(0.05), given, 0.5) == 1.0
+
+
+def test_the_usual_time_between_messages_passes_in_gaps_as_well() -> None:
+    """Second-long stretches of inputs every ten seconds; the stack dies after four of them."""
+    inputs = [at + n * SECOND // 10 for at in seconds(*range(0, 100, 10)) for n in range(10)]
+    given = window(end=100.0, inputs=lambda: inputs)
+    assert spread(seconds(0, 10, 20, 30), given, 0.75) == pytest.approx(0.4, abs=0.001)
+    assert spread(seconds(0), given, 0.75, 10 * SECOND) == pytest.approx(0.1, abs=0.001)
+    assert spread(seconds(*range(0, 100, 10)), given, 0.75) == 1.0
+
+
 def on_topic(clock: str, inside: list[Received], late: Sequence[Received] = ()) -> TopicMessages:
     return TopicMessages("/t", inside, list(late), [], clock, "")  # type: ignore[arg-type]
 

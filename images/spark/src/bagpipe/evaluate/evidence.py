@@ -20,6 +20,9 @@ from bagpipe.topic_names import resolve
 _BEFORE_STAMP = 4
 # Between inputs: a silence that is longer than half a second and ten usual steps is a gap.
 _LEAST_GAP, _GAP_STEPS = 500_000_000, 10
+# Inputs that come together, as those of a stereo camera: with a step as short as this or none
+# the least gap is the same.
+_TOGETHER = _LEAST_GAP // _GAP_STEPS
 Bytes = Callable[[], bytes]
 Made = TypeVar("Made")
 
@@ -223,17 +226,17 @@ class Evidence:
     @cached_property
     def _input_stretches(self) -> list[tuple[int, int]]:
         """From first to last input, without the recording's gaps."""
-        if self.inputs is None:
-            return [(self.start, self.end)]
-        times = self.inputs()
+        whole = [(self.start, self.end)]  # what is not known forgives no silence
+        known = [] if self.inputs is None else self.inputs()
+        times = [each for each in known if self.start <= each < self.end]
         if not times:
-            return [(self.start, self.end)]  # what is not known forgives no silence
-        steps = list(itertools.pairwise(times))
-        usual = statistics.median(after - before for before, after in steps) if steps else 0
-        most = max(_LEAST_GAP, _GAP_STEPS * usual)
+            return whole
+        most = max(_LEAST_GAP, _GAP_STEPS * _usual_step(times))
+        steps = itertools.pairwise(times)
         cuts = [at + 1 for at, (before, after) in enumerate(steps) if after - before > most]
         edges = itertools.pairwise([0, *cuts, len(times)])
-        return [(times[first], times[last - 1]) for first, last in edges if last > first]
+        stretches = [(times[first], times[last - 1]) for first, last in edges]
+        return [(first, last) for first, last in stretches if last > first]
 
     def input_time_between(self, start: int, end: int) -> int:
         """How long inputs came between two times, in ns: a recording may have gaps, in which nobody
@@ -246,3 +249,13 @@ class Evidence:
     def seconds(self) -> float:
         """Length of the window."""
         return (self.end - self.start) / 1e9
+
+
+def _usual_step(times: list[int]) -> float:
+    """The median, in ns; of inputs that come together only the step to the first of them counts."""
+    steps, first = [], times[0]
+    for before, after in itertools.pairwise(times):
+        if after - first >= _TOGETHER:
+            steps.append(after - before)
+            first = after
+    return statistics.median(steps) if steps else 0

@@ -5,6 +5,7 @@ to the input that it answers, which its stamp names, or to none.
 """
 
 import itertools
+import math
 import statistics
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -270,10 +271,15 @@ def spread(times: Iterable[int], evidence: Evidence, least: float, usual: float 
         usual = max(usual, statistics.median(after - before for before, after in between))
     silences = [(evidence.start, inside[0]), *between, (inside[-1], evidence.end)]
     longest = max(after - before for before, after in silences)
-    if 1.0 - (longest - usual) / length < least:
-        longest = max(evidence.input_time_between(before, after) for before, after in silences)
-        length = evidence.input_time_between(evidence.start, evidence.end) or length
-    return 1.0 - max(0.0, longest - usual - ROUNDING) / length
+    if 1.0 - (longest - usual) / length >= least:
+        return 1.0 - max(0.0, longest - usual - ROUNDING) / length
+    # The usual time has passed in bag time, in which a recording's gap counts as well.
+    forgiven = math.ceil(usual) + ROUNDING
+    longest = max(
+        evidence.input_time_between(before + forgiven, after) for before, after in silences
+    )
+    # Of inputs of one moment there is no time in which others are awaited.
+    return 1.0 - longest / max(1, evidence.input_time_between(evidence.start, evidence.end))
 
 
 def over_window(found: TopicMessages, evidence: Evidence, least: float) -> tuple[float | None, str]:
