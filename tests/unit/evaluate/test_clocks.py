@@ -416,3 +416,14 @@ def test_a_stack_that_is_dead_after_its_first_answer_has_no_gap_of_the_recording
     assert finding.outcome == "invalid"
     assert finding.coverage is not None
     assert finding.coverage < 0.3
+
+
+def test_what_a_timer_publishes_on_after_the_end_saves_no_rate_and_fails_nothing() -> None:
+    """A filter that drifts off while nothing more comes, and keeps its last input's stamp."""
+    inputs = INPUTS[::2]
+    drifts = [answer(14.8, late=0.3 + n / 50, x=14.8 + n) for n in range(200)]
+    given = case([*(answer(at) for at in inputs), *drifts])
+    for wanted in (RATE, PRESENCE):
+        assert found(given, wanted).outcome == "failed"
+    for wanted in (BOUNDS, HOLDS, GOAL, LATENCY):
+        assert found(given, wanted).outcome == "passed"

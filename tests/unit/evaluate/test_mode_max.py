@@ -110,3 +110,25 @@ def test_one_bad_stamp_leaves_open_nothing_that_others_show() -> None:
     for kind, wanted in (("bounds", bound), ("finalPose", GOAL)):
         finding = found(kind, wanted, evidence(empty, paced=False))
         assert (finding.outcome, finding.coverage) == ("passed", None)
+
+
+@pytest.mark.parametrize("wrong", [5.0, 999.0])
+def test_all_answers_to_one_input_are_judged_whenever_they_come(wrong: float) -> None:
+    """Two lanes for each picture, of which the second one is right or wild."""
+    truth = [("/truth", at, stamped(at, 5.0, 0.0)) for at in TIMES]
+    bound = {"topic": "/p", "field": "pose.position.x", "max": 9.0}
+    greatest = {
+        "topic": "/p", "fields": ["pose.position.x"], "truth": "/truth", "recording": True,
+        "metric": "max", "max": 1.0,
+    }  # fmt: skip
+    for late in (0.0, 10.0):
+        lanes = [
+            ("/p", at + late + more, stamped(at, x, more))
+            for at in TIMES
+            for more, x in ((0.01, 5.0), (0.02, wrong))
+        ]
+        given = evidence(lanes, truth, paced=False)
+        rate = found("rate", {"topic": "/p", "min": 15.0}, given)
+        assert (rate.outcome, rate.figure) == ("passed", 20.0)
+        for kind, wanted in (("bounds", bound), ("error", greatest)):
+            assert found(kind, wanted, given).outcome == ("passed" if wrong < 9 else "failed")

@@ -234,6 +234,28 @@ def test_what_comes_after_the_end_belongs_to_the_window_that_its_stamp_lies_in()
     assert split((109, 108.5), (111, 108.5), (112, 109), (113, 109)) == ([109], [112], [111, 113])
 
 
+@pytest.mark.parametrize("early", [0, 1, 5])
+def test_as_many_messages_answer_a_stamp_after_the_end_as_another_one(early: int) -> None:
+    """Two of each stamp, as of two lanes, of which so many are late."""
+    both = [(109.0 + at, x) for at in (0, 0.1, 0.2, 0.3) for x in (1, 2)]
+    recorded = [
+        ("/t", (109.5 if n < early else 111) + n / 100, stamped(at, x, 0))
+        for n, (at, x) in enumerate(both)
+    ]
+    # What is published on and on has one stamp, and a repeated one is the same to the byte.
+    repeated = [("/t", 112.0, stamped(109.0, 1, 0))]
+    on_and_on = [("/t", 113 + x / 10, stamped(109.3, x, 0)) for x in range(3, 9)]
+    given = evidence([*recorded, *repeated, *on_and_on], start=100.0, end=110.0)
+    found = messages_of("/t", given)
+    assert (len(found.inside), len(found.late), len(found.others)) == (early, 8 - early, 7)
+    alone = [
+        ("/t", 109.5, stamped(109, 0, 0)),
+        *(("/t", 109 + x, stamped(109, x, 0)) for x in (1, 2)),
+    ]
+    found = messages_of("/t", evidence(alone, start=100.0, end=110.0))
+    assert (len(found.inside), len(found.late), len(found.others)) == (1, 0, 2)
+
+
 def test_what_answers_the_lead_in_is_nobody_s_unless_there_was_none() -> None:
     entries = [(109.0, 108.5), (111.0, 99.0), (112.0, 100.0)]
     assert split(*entries, lead_in_start=95 * SECOND) == ([109], [112], [111])

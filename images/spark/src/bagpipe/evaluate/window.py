@@ -7,6 +7,7 @@ to the input that it answers, which its stamp names, or to none.
 import itertools
 import math
 import statistics
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -35,7 +36,7 @@ class TopicMessages:
 
     topic: str
     inside: list[Received]  # received in the window
-    late: list[Received]  # received after its end, and stamped in it, each stamp once
+    late: list[Received]  # received after its end, and stamped in it
     others: list[Received]  # received after its end, and nobody's
     clock: Clock
     fault: str
@@ -77,16 +78,37 @@ def messages_of(topic: str, evidence: Evidence, ahead: int = ROUNDING) -> TopicM
     for each in came:
         stamp = stamps[id(each)]
         (inside if stamp is None or stamp >= begin else early).append(each)
-    known = {each.stamp for each in inside}
-    late: list[Received] = []
-    others: list[Received] = []
-    for each in after:
-        stamp = stamps[id(each)]
-        answers = stamp is not None and begin <= stamp < evidence.end
-        (late if answers and stamp not in known else others).append(each)
-        known.add(stamp)
+    known = [each for each in inside if stamps[id(each)] is not None]
+    late = _late(known, [each for each in after if _within(stamps[id(each)], begin, evidence.end)])
+    answering = {id(each) for each in late}
+    others = [each for each in after if id(each) not in answering]
     clock: Clock = "receipt" if unknown else "header"
     return TopicMessages(topic, inside, late, others, clock, fault, early, behind)
+
+
+def _within(stamp: int | None, begin: int, end: int) -> bool:
+    return stamp is not None and begin <= stamp < end
+
+
+def _late(inside: list[Received], after: list[Received]) -> list[Received]:
+    """Of what came after the end with a stamp of the window, what answers it: as many different
+    messages to a stamp as another stamp has. What is published on and on has one stamp.
+    """
+    if not after:
+        return []
+    together = Counter(each.stamp for each in inside + after)
+    by_stamp: dict[int | None, dict[object, Received]] = defaultdict(dict)
+    for each in inside + after:
+        # Where one alone has its stamp, nobody needs to know what is in it.
+        identity = each.identity if together[each.stamp] > 1 else each.stamp
+        by_stamp[each.stamp].setdefault(identity, each)
+    fewer, most = sorted([1, 1, *map(len, by_stamp.values())])[-2:]
+    own = {
+        id(each)
+        for found in by_stamp.values()
+        for each in itertools.islice(found.values(), fewer if len(found) == most else most)
+    }
+    return [each for each in after if id(each) in own]
 
 
 def _behind(stamps: list[int], evidence: Evidence) -> int:
