@@ -216,6 +216,24 @@ def test_second_zero_is_a_time_where_the_case_begins_with_it() -> None:
     assert found(given, RATE).clock == "header"
 
 
+@pytest.mark.parametrize("base", [0.0, 0.9, 10.0])
+def test_a_topic_without_stamps_has_none_whenever_the_case_begins(base: float) -> None:
+    """As in a simulation, whose time begins with second 0."""
+    times = [base + n / 10 for n in range(50)]
+    ego = [("/pose", at, stamped(0.0, 10 * (at - base), 0.0)) for at in times]
+    cars = [("/cars", at, poses(0.0, (10 * (at - base) + 20, 0.0))) for at in times]
+    given = evidence(ego + cars, start=base, end=base + 5)
+    goal = {"finalPose": {"topic": "/pose", "position": [49.0, 0.0], "maxDistance": 0.2}}
+    for measure in (RATE, PRESENCE, BOUNDS, HOLDS, goal, KEEPS_AWAY):
+        finding = found(given, measure)
+        assert (finding.outcome, finding.clock) == ("passed", "receipt")
+    assert "/pose have an empty header.stamp" in found(given, LATENCY).message
+    # In mode max nothing shows when they were.
+    unpaced = evidence(ego + cars, start=base, end=base + 5, paced=False)
+    assert found(unpaced, BOUNDS).coverage is None
+    assert found(unpaced, KEEPS_AWAY).outcome == "invalid"
+
+
 def test_answers_out_of_order_with_right_stamps_are_right() -> None:
     late = [answer(at, late=0.35 if n % 2 else 0.05) for n, at in enumerate(INPUTS)]
     for measure in (RATE, PRESENCE, ERROR, {"latency": {"topic": "/pose", "max": "400ms"}}):

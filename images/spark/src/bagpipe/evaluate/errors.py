@@ -17,7 +17,7 @@ from bagpipe.evaluate.window import (
     refuse_timeless,
     samples,
     spread,
-    stamp_of,
+    stamps_of,
 )
 from bagpipe.texts import duration_nanoseconds
 
@@ -203,12 +203,10 @@ def _last(
     if found.clock == "header":
         at, _, last = max((each.stamp or 0, number, each) for number, each in enumerate(answers))
         return last, at
-    last = answers[-1]
+    last, stamps = answers[-1], stamps_of(answers, evidence)
     if evidence.paced:
         # Its own stamp, if that can be true, is that of what it answers, whatever others' are.
-        stamp = stamp_of(last, evidence)
-        return last, last.time if stamp is None else stamp
-    stamps = [stamp_of(each, evidence) for each in answers]
+        return last, last.time if stamps[-1] is None else stamps[-1]
     return last, max((stamp for stamp in stamps if stamp is not None), default=None)
 
 

@@ -17,6 +17,7 @@ from bagpipe.evaluate.window import (
     is_empty,
     messages_of,
     samples,
+    unstamped,
 )
 from bagpipe.texts import duration_nanoseconds
 
@@ -71,7 +72,7 @@ def matched(name: str, wanted: Error, evidence: Evidence) -> Matched:
     foreign = wanted.recording and _of_another_clock(truth, evidence, most)
     if found.fault and not foreign:
         raise NoEvidenceError(found.fault)
-    if _unstamped(answers):
+    if unstamped(answers):
         raise NoEvidenceError(f"{len(answers)} messages on {wanted.topic} have an empty stamp")
     numbers = [[(each.time, number_at(each.message, f)) for f in wanted.fields] for each in answers]
     odd = no_number(
@@ -198,13 +199,8 @@ def _of_another_clock(truth: list[Sample], evidence: Evidence, ahead: int) -> bo
 
 def _times(messages: Sequence[Sample], evidence: Evidence) -> list[int]:
     """The stamps, or the receipts of messages that have none."""
-    none = (None, 0) if is_empty(0, begin_of(evidence)) or _unstamped(messages) else (None,)
+    none = (None, 0) if is_empty(0, begin_of(evidence)) or unstamped(messages) else (None,)
     return [each.time if each.stamp in none else each.stamp or 0 for each in messages]
-
-
-def _unstamped(messages: Sequence[Sample]) -> bool:
-    """Whether there are several, and all of them have an empty stamp."""
-    return len(messages) > 1 and all(each.stamp == 0 for each in messages)
 
 
 def _nearest(times: list[int], time: int) -> int:

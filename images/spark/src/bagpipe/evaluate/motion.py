@@ -13,7 +13,14 @@ from bagpipe.evaluate.limits import bounded, of_all_bounds
 from bagpipe.evaluate.matching import several_frames
 from bagpipe.evaluate.model import Separation
 from bagpipe.evaluate.way import Point, Way, drives
-from bagpipe.evaluate.window import frames_differ, messages_of, refuse_timeless, samples, stamp_of
+from bagpipe.evaluate.window import (
+    frames_differ,
+    messages_of,
+    refuse_timeless,
+    samples,
+    stamp_of,
+    stamps_of,
+)
 from bagpipe.texts import duration_nanoseconds
 
 if TYPE_CHECKING:
@@ -160,7 +167,7 @@ def _met(wanted: Separation, evidence: Evidence) -> Met:
         raise NoEvidenceError(apart)
     # One bad stamp moves nothing but its own message; of another clock all of a topic's are bad.
     stamped = all(
-        any(stamp_of(each, evidence) is not None for each in topic) for topic in (ego, obstacles)
+        any(stamp is not None for stamp in stamps_of(topic, evidence)) for topic in (ego, obstacles)
     )
     course = sorted((_when(each, stamped, evidence), _ego_at(each, wanted.ego)) for each in ego)
     scenes = sorted(

@@ -68,7 +68,7 @@ def messages_of(topic: str, evidence: Evidence, ahead: int = ROUNDING) -> TopicM
     deciding = came or after
     fault = stamp_fault(topic, deciding, evidence, ahead)
     unknown = fault or not deciding or any(each.stamp is None for each in deciding)
-    stamps = {id(each): stamp_of(each, evidence, ahead) for each in received}
+    stamps = dict(zip(map(id, received), stamps_of(received, evidence, ahead), strict=True))
     behind = _behind([each.stamp for each in received if each.stamp is not None], evidence)
     # Without a lead-in there is nothing else that an older stamp could belong to.
     before = behind + ROUNDING if evidence.led_in else _LONGEST_BEFORE
@@ -164,7 +164,8 @@ def stamp_fault(
     """A sentence where stamps can't be times of this recording; else nothing."""
     begin = begin_of(evidence)
     stamped = [(each.time, each.stamp) for each in received if each.stamp is not None]
-    empty = sum(1 for _, stamp in stamped if is_empty(stamp, begin))
+    none = unstamped(received)
+    empty = sum(1 for _, stamp in stamped if none or is_empty(stamp, begin))
     if empty:
         return f"{empty} messages on {topic} have an empty header.stamp"
     odd = [each for each in stamped if not credible(*each, begin, ahead)]
@@ -187,8 +188,17 @@ def stamp_fault(
     return ""
 
 
+def stamps_of(
+    messages: Sequence[Received | Sample], evidence: Evidence, ahead: int = ROUNDING
+) -> list[int | None]:
+    """The stamps of a topic's messages where they can be true, else None."""
+    if unstamped(messages):
+        return [None] * len(messages)
+    return [stamp_of(each, evidence, ahead) for each in messages]
+
+
 def stamp_of(each: Received | Sample, evidence: Evidence, ahead: int = ROUNDING) -> int | None:
-    """A message's stamp where it can be true, else None."""
+    """A message's stamp where it can be true, else None; of a topic that has stamps."""
     begin = begin_of(evidence)
     if each.stamp is None or is_empty(each.stamp, begin):
         return None
@@ -198,6 +208,11 @@ def stamp_of(each: Received | Sample, evidence: Evidence, ahead: int = ROUNDING)
 def is_empty(stamp: int, begin: int) -> bool:
     """Whether a stamp is none: a simulated drive may begin with second 0, which is a time there."""
     return stamp == 0 and begin >= _SECOND
+
+
+def unstamped(messages: Sequence[Received | Sample]) -> bool:
+    """Whether there are several, and all of them have an empty stamp: one may be of second 0."""
+    return len(messages) > 1 and all(each.stamp == 0 for each in messages)
 
 
 def begin_of(evidence: Evidence) -> int:
@@ -273,8 +288,11 @@ def _own_times(found: TopicMessages, evidence: Evidence) -> list[int]:
     """By the stamp of each message, or by its receipt where that can't be true: beside one bad
     stamp the others still show what was answered.
     """
-    stamps = [(each, stamp_of(each, evidence)) for each in found.answers]
-    return [each.time if stamp is None else stamp for each, stamp in stamps]
+    stamps = stamps_of(found.answers, evidence)
+    return [
+        each.time if stamp is None else stamp
+        for each, stamp in zip(found.answers, stamps, strict=True)
+    ]
 
 
 def spread(times: Iterable[int], evidence: Evidence, least: float, usual: float = 0.0) -> float:
@@ -343,7 +361,7 @@ def coming_over(
     """
     times = times_of(found)
     if timeless(found, evidence):
-        stamps = [stamp_of(each, evidence) for each in found.answers]
+        stamps = stamps_of(found.answers, evidence)
         times = [stamp for stamp in stamps if stamp is not None]
         if not times:
             return None, f"{len(found.answers)} messages, whose times mode max leaves open"
