@@ -162,7 +162,9 @@ def test_repeated_messages_fill_no_gap() -> None:
     assert (often.outcome, often.figure) == ("failed", 2.0)
     pairs = [("/t", 10 + n / 2, stamped(10 + n // 2, n // 2, 0.0)) for n in range(20)]
     enough = found("rate", pairs, {"min": 1.0, "over": "worst"})
-    assert (enough.outcome, enough.figure) == ("passed", 2.0)
+    assert (enough.outcome, enough.figure) == ("passed", 1.0)
+    both = found("rate", pairs, {"min": 1.0, "max": 1.9, "over": "worst"})
+    assert (both.outcome, both.figure) == ("failed", 2.0)
 
 
 def test_in_mode_max_the_longest_gap_is_one_of_stamps() -> None:
@@ -227,13 +229,30 @@ def test_a_window_without_length_has_no_rate() -> None:
 def test_repeated_messages_are_a_rate_where_it_may_not_be_too_high_only() -> None:
     entries = [("/t", 10 + n / 2, stamped(10 + n // 2, n // 2, 0.0)) for n in range(20)]
     enough = found("rate", entries, {"min": 1.0})
-    assert (enough.outcome, enough.figure) == ("passed", 2.0)
-    assert found("rate", entries, {"min": 0.9}).figure == 2.0
+    assert (enough.outcome, enough.figure) == ("passed", 1.0)
+    assert found("rate", entries, {"min": 0.9}).figure == 1.0
+    assert found("rate", entries, {"min": 0.9, "max": 2.0}).figure == 2.0
     few = found("rate", entries, {"min": 1.01})
     assert (few.outcome, few.figure) == ("failed", 1.0)
     assert few.message.startswith("1 Hz on /t, 10 of 20 repeat another one, and may be")
     many = found("rate", entries, {"max": 1.9})
     assert (many.outcome, many.figure) == ("failed", 2.0)
+
+
+@pytest.mark.parametrize("least", [4.0, 5.2, 9.0])
+@pytest.mark.parametrize("over", ["window", "worst"])
+def test_another_least_rate_changes_no_figure(least: float, over: str) -> None:
+    """A version with each message twice is no better than one with more of its own."""
+    twice = [
+        ("/t", 10 + n / 5.2 + more, stamped(10 + n / 5.2, 1.0, 0.0))
+        for n in range(52)
+        for more in (0.0, 0.05)
+    ]
+    more = [("/t", 10 + n / 8, stamped(10 + n / 8, 1.0, 0.0)) for n in range(80)]
+    for entries, hertz in ((twice, 5.2), (more, 8.0)):
+        finding = found("rate", entries, {"min": least, "over": over})
+        assert finding.figure == pytest.approx(hertz)
+        assert finding.direction == "higher"
 
 
 @pytest.mark.parametrize("late", [2.5, 5.0])

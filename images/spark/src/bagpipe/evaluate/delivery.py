@@ -92,10 +92,9 @@ def rate(name: str, wanted: Rate, evidence: Evidence) -> Finding:
         )
     moments = moments_of(found, evidence) if wanted.over == "worst" else None
     if moments is None:
-        few = wanted.min is not None and _hertz(len(own), evidence) < wanted.min
-        figure = _hertz(len(own if few else counted), evidence)
+        figure = _figure(wanted, _hertz(len(own), evidence), _hertz(len(counted), evidence))
     else:
-        figure = _worst(wanted, moments, evidence)
+        figure = _figure(wanted, *_of_longest_gaps(moments, evidence))
     finding = bounded(
         Finding(name, "rate", "passed", figure, "Hz", direction=_better_rate(wanted)),
         wanted.min,
@@ -116,13 +115,21 @@ def _hertz(count: int, evidence: Evidence) -> float:
     return count * 1_000_000_000 / (evidence.end - evidence.start)
 
 
-def _worst(wanted: Rate, moments: Sequence[tuple[int, Received]], evidence: Evidence) -> float:
-    """Hertz of the longest gap; towards a least rate a message that repeats another fills none."""
+def _figure(wanted: Rate, own: float, counted: float) -> float:
+    """Of the rates without and with messages that repeat another one: these count towards a
+    greatest rate alone. Of two bounds the figure is that which misses one, and neither is better.
+    """
+    few = wanted.min is not None and own < wanted.min
+    return own if few or wanted.max is None else counted
+
+
+def _of_longest_gaps(
+    moments: Sequence[tuple[int, Received]], evidence: Evidence
+) -> tuple[float, float]:
+    """Hertz where a message that repeats another one fills no gap, and where it does."""
     first = {each.identity: time for time, each in reversed(moments)}
-    figure = _of_longest_gap(first.values(), evidence)
-    if wanted.min is None or figure >= wanted.min:
-        figure = _of_longest_gap((time for time, _ in moments), evidence)
-    return figure
+    every = (time for time, _ in moments)
+    return _of_longest_gap(first.values(), evidence), _of_longest_gap(every, evidence)
 
 
 def moments_of(found: TopicMessages, evidence: Evidence) -> list[tuple[int, Received]]:
