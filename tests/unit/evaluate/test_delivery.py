@@ -194,6 +194,16 @@ def test_in_mode_max_a_stamp_from_before_the_window_begins_no_gap() -> None:
     assert (finding.outcome, finding.figure) == ("passed", 1.0)
 
 
+@pytest.mark.parametrize("paced", [True, False])
+@pytest.mark.parametrize("old", [[], [(18.5, 5.0)]])
+def test_a_silence_at_the_end_is_a_gap_in_each_mode(paced: bool, old: list[Any]) -> None:
+    """Twice a second until 18.5 s; in mode max all comes at the end."""
+    stamps = [10 + n / 2 for n in range(18)]
+    entries = with_stamps(*old, *((at if paced else 19.9, at) for at in stamps))
+    finding = found("rate", entries, {"min": 0.8, "over": "worst"}, paced=paced)
+    assert (finding.outcome, finding.figure) == ("failed", pytest.approx(1 / 1.5))
+
+
 def test_in_mode_max_no_gap_is_known_without_stamps() -> None:
     wanted = {"min": 5.0, "over": "worst"}
     for times in ([19.9] * 100, [10 + n / 10 for n in range(100)], [20.5] * 100):

@@ -155,6 +155,28 @@ def test_a_stack_that_ends_early_is_no_sensor_that_is_recorded_late() -> None:
     assert found("presence", {"topic": "/p", "min": 1}, few).figure == 3.0
 
 
+@pytest.mark.parametrize("behind", [0.0, 0.15])
+def test_a_gap_of_the_recording_at_the_end_is_no_delay_of_a_sensor(behind: float) -> None:
+    """Inputs end at 19.3 s, or sooner by more than a sensor may be recorded late."""
+    for count in (94, 70):
+        times = [10 + n / 10 for n in range(count)]
+        inputs = [round(at * SECOND) for at in times]
+        entries = [answer(at - behind, behind + 0.03) for at in times]
+        before = answer(9.9 - behind, behind + 0.12, x=999.0)
+        for kind, wanted in (
+            ("bounds", X), ("expression", HOLDS), ("presence", {"topic": "/p", "min": count})
+        ):  # fmt: skip
+            finding = found(kind, wanted, [before, *entries], inputs=lambda inputs=inputs: inputs)
+            assert finding.outcome == "passed", (count, finding)
+
+
+def test_a_slow_stack_that_dies_before_the_last_input_comes_has_no_such_sensor() -> None:
+    """After 0.5 s each, until 19.5 s: answers to the lead-in make up for none of the window."""
+    slow = [answer(8 + n / 10, late=0.5) for n in range(15, 111)]
+    finding = found("presence", {"topic": "/p", "min": 92}, slow)
+    assert (finding.outcome, finding.figure) == ("failed", 91.0)
+
+
 def test_stamps_that_can_t_be_true_make_the_others_of_no_such_sensor() -> None:
     """The last second's answers are stamped later than they came."""
     ahead = [answer(10 + n / 10, -0.5 if n >= 90 else 0.03, x=0.0) for n in range(100)]

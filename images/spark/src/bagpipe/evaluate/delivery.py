@@ -144,8 +144,15 @@ def moments_of(found: TopicMessages, evidence: Evidence) -> list[tuple[int, Rece
         return [(each.time, each) for each in until + found.inside]
     refuse_timeless(found, evidence, "how long its gaps are")
     # Bag time runs ahead of the stack there: a receipt is no time of what it answers.
-    stamped = [((each.stamp or 0) + found.behind, each) for each in found.answers]
-    return sorted((m for m in stamped if m[0] >= evidence.start - ROUNDING), key=itemgetter(0))
+    stamped = [(each.stamp or 0, each) for each in found.answers]
+    # By no more than the first answer shows: where it is stamped in the window, its input is, too.
+    oldest = evidence.start - found.behind
+    first = min((at for at, _ in stamped if at >= oldest), default=evidence.start)
+    later = min(found.behind, max(0, evidence.start - first))
+    moments = [
+        (at + later, each) for at, each in stamped if at + later >= evidence.start - ROUNDING
+    ]
+    return sorted(moments, key=itemgetter(0))
 
 
 def _covering_gaps(

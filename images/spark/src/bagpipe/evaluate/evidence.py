@@ -4,6 +4,7 @@ window.py decides which of them belong to the case's window.
 """
 
 import itertools
+import math
 import statistics
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -224,11 +225,22 @@ class Evidence:
         return self.lead_in_start is not None and self.lead_in_start < self.start
 
     @cached_property
+    def _input_times(self) -> list[int]:
+        """Those in the window; none where they are not known."""
+        known = [] if self.inputs is None else self.inputs()
+        return [each for each in known if self.start <= each < self.end]
+
+    @property
+    def inputs_until(self) -> int:
+        """To the window's end, or one usual step behind the last input."""
+        times = self._input_times
+        return min(self.end, times[-1] + math.ceil(_usual_step(times))) if times else self.end
+
+    @cached_property
     def _input_stretches(self) -> list[tuple[int, int]]:
         """From first to last input, without the recording's gaps."""
         whole = [(self.start, self.end)]  # what is not known forgives no silence
-        known = [] if self.inputs is None else self.inputs()
-        times = [each for each in known if self.start <= each < self.end]
+        times = self._input_times
         if not times:
             return whole
         most = max(_LEAST_GAP, _GAP_STEPS * _usual_step(times))

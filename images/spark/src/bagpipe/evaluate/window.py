@@ -69,7 +69,7 @@ def messages_of(topic: str, evidence: Evidence, ahead: int = ROUNDING) -> TopicM
     fault = stamp_fault(topic, deciding, evidence, ahead)
     unknown = fault or not deciding or any(each.stamp is None for each in deciding)
     stamps = dict(zip(map(id, received), stamps_of(received, evidence, ahead), strict=True))
-    behind = _behind([each.stamp for each in received if each.stamp is not None], evidence)
+    behind = _behind(received, evidence)
     # Without a lead-in there is nothing else that an older stamp could belong to.
     before = behind + ROUNDING if evidence.led_in else _LONGEST_BEFORE
     begin = evidence.start - before
@@ -111,21 +111,27 @@ def _late(inside: list[Received], after: list[Received]) -> list[Received]:
     return [each for each in after if id(each) in own]
 
 
-def _behind(stamps: list[int], evidence: Evidence) -> int:
-    """A sensor's message may be stamped a while before it was recorded, and so its answer is. As
-    inputs come up to the window's end, it is by how much the stamps end before that.
+def _behind(received: list[Received], evidence: Evidence) -> int:
+    """A sensor's message may be stamped a while before it was recorded, and so its answer is. It is
+    by how much the stamps end before the inputs do.
     """
-    inside = sorted({each for each in stamps if evidence.start <= each < evidence.end})
+    came = {each.stamp: each.time for each in received if each.stamp is not None}
+    inside = sorted(each for each in came if evidence.start <= each < evidence.end)
     steps = sorted(after - before for before, after in itertools.pairwise(inside))
     if len(steps) < _LEAST_STEPS:
         return 0
     # A step that is hardly ever longer: of messages in bursts the median is none between them.
     step = steps[len(steps) * 9 // 10]
-    short = evidence.end - inside[-1] - step
     # Whose answers end sooner has lost some, or answers no more.
     most = min(_MOST_BEHIND, (evidence.end - evidence.start) // 10)
+    least = evidence.start - most - step - ROUNDING
+    if not any(least <= each < evidence.start for each in came):
+        return 0  # which nothing that was recorded depends on
+    short = evidence.inputs_until - inside[-1] - step
+    # Nor does what died before the last input came.
+    alive = max(came[each] for each in inside) >= evidence.inputs_until - 2 * step
     # Half a step, as steps are not all alike: the one before is a whole step away.
-    return short + step // 2 if 0 < short <= most else 0
+    return short + step // 2 if 0 < short <= most and alive else 0
 
 
 def samples(found: TopicMessages, evidence: Evidence) -> list[Sample]:
