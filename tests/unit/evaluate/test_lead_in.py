@@ -177,6 +177,34 @@ def test_a_slow_stack_that_dies_before_the_last_input_comes_has_no_such_sensor()
     assert (finding.outcome, finding.figure) == ("failed", 91.0)
 
 
+@pytest.mark.parametrize("step", [0.1, 0.7, 3.3])
+def test_where_one_answer_may_be_of_the_first_input_its_lack_is_no_failure(step: float) -> None:
+    """A sensor that is recorded 50 ms late; the window is no multiple of its step."""
+    stamps = [9.95 + n * step for n in range(int(9.9 / step))]
+    entries = [answer(at, 0.1) for at in stamps]
+    count = len(entries)
+    shorter = {"end": stamps[-1] + 0.05 + step / 4}
+    hertz = count / (shorter["end"] - 10) - 1e-6
+    for kind, least in (("presence", count), ("rate", hertz)):
+        wanted = {"topic": "/p", "min": least}
+        finding = found(kind, wanted, entries, **shorter)
+        assert finding.outcome == "invalid"
+        assert "may answer its first input: demand one less" in finding.message
+        # Who lacks another one fails.
+        assert found(kind, wanted, entries[:-1], **shorter).outcome == "failed"
+        # Nor is it the first one's where an answer to a later input came before it.
+        later = [answer(stamps[0], 0.15 + step), *entries[1:]]
+        assert found(kind, wanted, later, **shorter).outcome == "failed"
+        # Nor where it is a whole step before the window.
+        before = [
+            answer(10 - step, step + 0.01),
+            *(answer(10 + n * step) for n in range(count - 1)),
+        ]
+        assert found(kind, wanted, before, **shorter).outcome == "failed"
+    less = {"topic": "/p", "min": count - 1}
+    assert found("presence", less, entries, **shorter).outcome == "passed"
+
+
 def test_stamps_that_can_t_be_true_make_the_others_of_no_such_sensor() -> None:
     """The last second's answers are stamped later than they came."""
     ahead = [answer(10 + n / 10, -0.5 if n >= 90 else 0.03, x=0.0) for n in range(100)]
@@ -195,7 +223,8 @@ def test_what_repeats_an_answer_to_it_shows_nothing_of_the_window() -> None:
 def test_a_rounded_stamp_is_one_of_the_window() -> None:
     entries = [answer(9.9995), *WINDOW[1:]]
     assert found("presence", COUNT, entries).outcome == "passed"
-    assert found("presence", COUNT, [answer(9.9985), *WINDOW[1:]]).outcome == "failed"
+    # A sensor that is recorded so late, or an answer to the lead-in.
+    assert found("presence", COUNT, [answer(9.9985), *WINDOW[1:]]).outcome == "invalid"
 
 
 def test_what_has_no_stamp_is_judged_by_its_receipt() -> None:

@@ -40,6 +40,8 @@ def presence(name: str, wanted: Presence, evidence: Evidence) -> Finding:
         None if wanted.max is None or len(found.answers) <= wanted.max else float(wanted.max),
         f"on {wanted.topic}{_repeated(least, own)}{_of_lead_in(found)}",
     )
+    if len(own) < wanted.min <= len(own) + 1:
+        finding = _in_doubt(finding, found)
     late = len(least) - len(found.answers)
     share = 1.0 if not least else len(found.answers) / len(least)
     covered = f"the whole window, and {late} of {len(least)} messages after its end"
@@ -103,11 +105,24 @@ def rate(name: str, wanted: Rate, evidence: Evidence) -> Finding:
     )
     if moments is not None:
         return _covering_gaps(finding, moments, found, evidence, wanted.min_coverage)
+    if figure < (wanted.min or 0) <= _hertz(len(own) + 1, evidence):
+        finding = _in_doubt(finding, found)
     usual = (evidence.end - evidence.start) / max(1, len(own))
     share, covered = coming_over(found, evidence, wanted.min_coverage, usual)
     return covering(
         finding, share, covered, found.clock, wanted.min_coverage, lasting=True, remedy=_REMEDY
     )
+
+
+def _in_doubt(finding: Finding, found: TopicMessages) -> Finding:
+    """That of a topic which lacks one message, and has one that may be of the lead-in or not."""
+    if not found.doubtful or finding.outcome != "failed":
+        return finding
+    message = (
+        "one more is stamped less than a step before the window, and may answer its first input:"
+        f" demand one less; {finding.message}"
+    )
+    return replace(finding, outcome="invalid", message=message)
 
 
 def _hertz(count: int, evidence: Evidence) -> float:

@@ -44,6 +44,8 @@ class TopicMessages:
     early: list[Received] = field(default_factory=list)
     # How many ns the stamps are before the times at which the inputs were recorded.
     behind: int = 0
+    # Whether the last of `early` may answer the window's first input.
+    doubtful: bool = False
 
     @property
     def answers(self) -> list[Received]:
@@ -83,7 +85,21 @@ def messages_of(topic: str, evidence: Evidence, ahead: int = ROUNDING) -> TopicM
     answering = {id(each) for each in late}
     others = [each for each in after if id(each) not in answering]
     clock: Clock = "receipt" if unknown else "header"
-    return TopicMessages(topic, inside, late, others, clock, fault, early, behind)
+    doubtful = _doubtful(early, known + late, evidence.start)
+    return TopicMessages(topic, inside, late, others, clock, fault, early, behind, doubtful)
+
+
+def _doubtful(early: list[Received], answers: list[Received], start: int) -> bool:
+    """Whether the last one of the lead-in may answer the window's first input: its sensor may have
+    stamped that less than a step before the window, and nothing shows how late it is recorded.
+    """
+    stamps = sorted({each.stamp or 0 for each in early + answers})
+    if not early or len(stamps) < 2:
+        return False
+    last = max(early, key=lambda each: each.stamp or 0)
+    step = statistics.median(after - before for before, after in itertools.pairwise(stamps))
+    near = start - (last.stamp or 0) < min(step, _MOST_BEHIND)
+    return near and all(last.time <= each.time for each in answers)
 
 
 def _within(stamp: int | None, begin: int, end: int) -> bool:
