@@ -139,6 +139,15 @@ def test_the_usual_time_between_messages_passes_in_gaps_as_well() -> None:
     assert spread(seconds(*range(0, 100, 10)), given, 0.75) == 1.0
 
 
+def test_a_usual_time_with_a_gap_in_it_is_longer_by_that() -> None:
+    """One answer to five seconds of inputs, which lack for eight."""
+    inputs = seconds(*(n / 10 for n in range(200) if not 50 < n < 130))
+    given = window(end=20.0, inputs=lambda: inputs)
+    assert spread(seconds(0, 5, 18), given, 0.75, 20 * SECOND / 3) == pytest.approx(0.916, abs=0.01)
+    # After the first one of three it is dead.
+    assert spread(seconds(0), given, 0.75, 20 * SECOND / 3) < 0.6
+
+
 def on_topic(clock: str, inside: list[Received], late: Sequence[Received] = ()) -> TopicMessages:
     return TopicMessages("/t", inside, list(late), [], clock, "")  # type: ignore[arg-type]
 

@@ -335,13 +335,26 @@ def spread(times: Iterable[int], evidence: Evidence, least: float, usual: float 
     longest = max(after - before for before, after in silences)
     if 1.0 - (longest - usual) / length >= least:
         return 1.0 - max(0.0, longest - usual - ROUNDING) / length
-    # The usual time has passed in bag time, in which a recording's gap counts as well.
-    forgiven = math.ceil(usual) + ROUNDING
-    longest = max(
-        evidence.input_time_between(before + forgiven, after) for before, after in silences
-    )
+    return 1.0 - _longest_of_inputs(silences, math.ceil(usual) + ROUNDING, evidence)
+
+
+def _longest_of_inputs(
+    silences: Iterable[tuple[int, int]], forgiven: int, evidence: Evidence
+) -> float:
+    """The longest silence as a share of the time in which inputs came, without what is forgiven: so
+    long a time of the recording, gaps and all, or what inputs usually have of such a time.
+    """
     # Of inputs of one moment there is no time in which others are awaited.
-    return 1.0 - longest / max(1, evidence.input_time_between(evidence.start, evidence.end))
+    whole = max(1, evidence.input_time_between(evidence.start, evidence.end))
+    usual = forgiven * whole / (evidence.end - evidence.start)
+    longest = max(
+        min(
+            evidence.input_time_between(before + forgiven, after),
+            evidence.input_time_between(before, after) - usual,
+        )
+        for before, after in silences
+    )
+    return max(0.0, longest) / whole
 
 
 def over_window(found: TopicMessages, evidence: Evidence, least: float) -> tuple[float | None, str]:
