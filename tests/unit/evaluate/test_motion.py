@@ -670,3 +670,121 @@ def test_many_that_were_lost_at_once_are_not_looked_for_in_each_of_many_messages
     assert {each.place for each in followed if each.kind == "unknown"} >= set(crowd)
     assert sum(looked_for) < 300 * (len(crowd) + len(scenes))
     assert looked_for[1] == len(crowd)
+
+
+def at_ten_hertz(*, until: int = 100) -> list[float]:
+    return [10 + n / 10 for n in range(until)]
+
+
+def beside(scenes: list[tuple[float, list[Point]]], speed: float = 0.0) -> list[Any]:
+    """An ego that goes along x, and what is around it."""
+    course = [ego(at, (at - 10) * speed) for at in at_ten_hertz()]
+    return course + [cars(at, *points) for at, points in scenes]
+
+
+def test_one_that_comes_into_sight_first_in_the_list_makes_no_other_one_faster() -> None:
+    """All that is there stands."""
+    scenes = [(at, [*([(15.0, 0.0)] if at > 15 else []), (30.0, 0.0)]) for at in at_ten_hertz()]
+    finding = found(beside(scenes), minTimeToCollision=1.5)
+    assert (finding.outcome, finding.figure) == ("passed", math.inf), finding.message
+
+
+@pytest.mark.parametrize("each", [1, 2, 3], ids=["kept", "turned round", "now and then"])
+def test_in_whatever_order_they_are_listed_the_soonest_collision_is_found(each: int) -> None:
+    """One comes from ahead at 8 m/s to 12 m, and one alike from behind."""
+    scenes = []
+    for turn, at in enumerate(at_ten_hertz()):
+        away = 12 + 8 * abs(at - 15)
+        order = 1 if turn % each == 0 else -1
+        scenes.append((at, [(away, 0.0), (-away, 0.0)][::order]))
+    finding = found(beside(scenes), minTimeToCollision=1.5)
+    assert finding.outcome == "failed"
+    assert finding.figure == pytest.approx(1.125)
+
+
+@pytest.mark.parametrize("apart", [0.05, 0.02, 1e-6])
+@pytest.mark.parametrize("off", [0.0, 0.2])
+def test_two_sensors_in_turn_on_one_topic_see_nothing_move_that_stands(
+    apart: float, off: float
+) -> None:
+    parked = [(20.0, 5.0), (60.0, 15.0)]
+    scenes = []
+    for at in at_ten_hertz():
+        scenes += [(at, parked), (at + apart, [(x + off, y - off) for x, y in parked[::-1]])]
+    finding = found(beside(scenes), minTimeToCollision=1.5)
+    assert finding.outcome == "passed", finding.message
+    # Also where each sees one of them alone.
+    scenes = [(at, parked[turn % 2 :][:1]) for turn, at in enumerate(at_ten_hertz())]
+    finding = found(beside(scenes), minTimeToCollision=1.5)
+    assert finding.outcome == "passed", finding.message
+
+
+def test_one_that_is_lost_in_each_other_message_has_its_speed() -> None:
+    """It comes to 12 m at 8 m/s, and in between another one alone is seen."""
+    scenes: list[tuple[float, list[Point]]] = []
+    for turn, at in enumerate(at_ten_hertz()):
+        scenes.append((at, [OTHER if turn % 2 else (12 + 8 * abs(at - 15), 0.0)]))
+    finding = found(beside(scenes), minTimeToCollision=1.5)
+    assert finding.outcome == "failed", finding.message
+    assert finding.figure == pytest.approx(1.125)
+
+
+def test_what_flashes_up_in_two_places_shows_no_speed_of_anybody() -> None:
+    scenes = [(at, [OTHER]) for at in at_ten_hertz()]
+    scenes[40][1].append((12.0, 0.0))
+    scenes[41][1].append((9.5, 0.0))
+    finding = found(beside(scenes), minTimeToCollision=1.5)
+    assert finding.outcome == "invalid"
+    assert finding.figure == pytest.approx(0.26)
+    assert finding.message == (
+        "which obstacle of one message is which of the next one is not sure, and it may have had no"
+        " such speed: publish them more often; 0.26 s to a collision at 4.100 s, and may be at"
+        " least 1.5 s"
+    )
+    # Who stands in it needs no speed, and is too near in any case.
+    assert found(beside(scenes), minTimeToCollision=1.5, radius=5).outcome == "failed"
+    both = found(beside(scenes), minTimeToCollision=1.5, minDistance=10)
+    assert (both.outcome, both.unit) == ("failed", "m")
+    assert [each.outcome for each in both.figures] == ["failed", "invalid"]
+    # At its next message it is where that speed leads, so that it had it.
+    scenes[42][1].append((7.2, 0.0))
+    finding = found(beside(scenes), minTimeToCollision=0.2)
+    assert finding.outcome == "failed"
+    assert finding.figure == pytest.approx(4.2 / 23)
+
+
+@pytest.mark.parametrize("each", [1.0, 0.5])
+@pytest.mark.parametrize(
+    ("start", "speed", "gap"), [(10.0, 20.0, 15.0), (185.0, -20.0, 20.0)], ids=["ahead", "oncoming"]
+)
+def test_in_rare_messages_of_a_column_it_is_not_known_who_is_who(
+    start: float, speed: float, gap: float, each: float
+) -> None:
+    """Some are near where others were: by their places they stand, by their lists they go on."""
+    scenes = []
+    for turn in range(round(9 / each)):
+        first = start + speed * turn * each
+        scenes.append((10 + turn * each, [(first + gap * each * n, 0.0) for n in range(10)]))
+    finding = found(beside(scenes, speed=max(speed, 0.0)), minTimeToCollision=1.5)
+    assert finding.outcome == "invalid", finding
+    # Often enough they are followed.
+    often = [(at, [(start + speed * (at - 10), 0.0)]) for at in at_ten_hertz(until=85)]
+    finding = found(beside(often, speed=max(speed, 0.0)), minTimeToCollision=1.5)
+    assert finding.outcome == ("passed" if speed > 0 else "failed"), finding
+
+
+def test_two_beside_each_other_in_any_order_have_no_speed_of_their_lists() -> None:
+    chance, scenes = random.Random(3), []  # noqa: S311
+    for at in at_ten_hertz():
+        pair = [(12.0, 0.0), (12.8, 0.0), (14.0, 1.0)]
+        chance.shuffle(pair)
+        scenes.append((at, pair))
+    finding = found(beside(scenes), minTimeToCollision=1.5)
+    assert finding.outcome == "passed", finding.message
+
+
+def test_where_the_ego_s_place_jumps_one_that_was_lost_meanwhile_has_no_speed() -> None:
+    course = [ego(at, 0.0 if at < 14 else 40.0) for at in at_ten_hertz()]
+    scenes = [cars(at, *([] if 13.55 < at < 14.35 else [(100.0, 0.0)])) for at in at_ten_hertz()]
+    finding = found(course + scenes, minTimeToCollision=1.5)
+    assert finding.outcome == "passed", finding.message

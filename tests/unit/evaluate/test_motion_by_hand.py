@@ -10,6 +10,7 @@ from bagpipe.evaluate.evidence import Evidence, Sample
 from bagpipe.evaluate.finding import Finding, NoEvidenceError
 from bagpipe.evaluate.model import Separation
 from bagpipe.evaluate.motion import Met, Pair
+from bagpipe.evaluate.speeds import origins
 from bagpipe.evaluate.way import Point, Way
 from tests.unit.evaluate.recordings import STORE, evidence, header, number, poses, stamped
 
@@ -151,7 +152,7 @@ def test_an_obstacle_that_would_have_been_too_near_makes_a_pass_invalid() -> Non
 
 
 def met(**given: Any) -> Met:
-    nothing: dict[str, Any] = {"course": [], "obstacles": [], "pairs": [], "feared": []}
+    nothing: dict[str, Any] = {"course": [], "obstacles": [], "pairs": [], "sure": [], "feared": []}
     return Met(**(nothing | {"share": 1.0, "clock": "header", "besides": ""} | given))
 
 
@@ -192,7 +193,8 @@ def test_an_obstacle_s_speed_is_what_the_ego_sees_of_it_since_the_scene_before()
         (ns(11), (145.5, 7), []),
         (ns(12), (145.5, 7), [(8, 9), (1, 1)]),
     ]
-    assert motion._paired(scenes) == [
+    places = [(time, points) for time, _, points in scenes]
+    assert motion._paired(scenes, list(origins(places, ns(1)))) == [
         (ns(5), (1, 2), (10, 4), None),
         (ns(5), (1, 2), (20, 0), None),
         (ns(7), (3, 7), (9, 8), (-1.5, -0.5)),

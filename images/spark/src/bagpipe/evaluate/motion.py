@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -25,6 +26,7 @@ from bagpipe.texts import duration_nanoseconds
 
 if TYPE_CHECKING:
     from bagpipe.evaluate.approach import Approaches
+    from bagpipe.evaluate.speeds import Origins
 
 # Time in ns, the ego, an obstacle, and the obstacle's velocity as the ego sees it, if it is known.
 Pair = tuple[int, Point, Point, Point | None]
@@ -39,7 +41,7 @@ def separation(name: str, wanted: Separation, evidence: Evidence) -> Finding:
         for topic in (wanted.ego, wanted.obstacles):
             found = messages_of(topic, evidence)
             refuse_timeless(found, evidence, "where both were at one time")
-    finding = odd or _least(name, wanted, evidence, met.pairs)
+    finding = odd or _least(name, wanted, evidence, met.pairs, met.sure)
     finding = _feared(finding, wanted, evidence, met.feared)
     return covering(
         finding,
@@ -53,7 +55,14 @@ def separation(name: str, wanted: Separation, evidence: Evidence) -> Finding:
     )
 
 
-def _least(name: str, wanted: Separation, evidence: Evidence, pairs: list[Pair]) -> Finding:
+def _least(
+    name: str,
+    wanted: Separation,
+    evidence: Evidence,
+    pairs: list[Pair],
+    sure: list[Pair] | None = None,
+) -> Finding:
+    """By default all velocities are sure."""
     if not pairs:
         raise NoEvidenceError(
             f"no obstacle was ever on {wanted.obstacles} while a pose on {wanted.ego} was at most"
@@ -64,7 +73,9 @@ def _least(name: str, wanted: Separation, evidence: Evidence, pairs: list[Pair])
         found.append(_least_distance(name, wanted.min_distance, evidence, pairs))
     if wanted.min_time_to_collision is not None:
         try:
-            found.append(_least_time(name, wanted, evidence, pairs))
+            found.append(
+                _least_time(name, wanted, evidence, pairs, pairs if sure is None else sure)
+            )
         except NoEvidenceError:
             # What came too near did so, however fast it was.
             if not found or found[0].outcome != "failed":
@@ -78,19 +89,37 @@ def _least_distance(name: str, least: float, evidence: Evidence, pairs: list[Pai
     return bounded(finding, least, None, f"at {(at - evidence.start) / 1e9:.3f} s")
 
 
-def _least_time(name: str, wanted: Separation, evidence: Evidence, pairs: list[Pair]) -> Finding:
-    times = [(_time_to_collision(e, o, v, 2 * wanted.radius), t) for t, e, o, v in pairs]
-    least = min(((left, t) for left, t in times if left is not None), default=None)
+def _least_time(
+    name: str, wanted: Separation, evidence: Evidence, pairs: list[Pair], sure: list[Pair]
+) -> Finding:
+    """Invalid where a collision is too near at a speed alone that an obstacle may not have had."""
+    least = _soonest(pairs, wanted)
     if least is None:
         raise NoEvidenceError(
             f"no obstacle on {wanted.obstacles} was seen at two times, so that none has a speed"
         )
-    return bounded(
-        Finding(name, "separation", "passed", least[0], "s", direction="higher"),
-        wanted.min_time_to_collision,
-        None,
-        f"to a collision at {(least[1] - evidence.start) / 1e9:.3f} s",
+    found = [
+        bounded(
+            Finding(name, "separation", "passed", left, "s", direction="higher"),
+            wanted.min_time_to_collision,
+            None,
+            f"to a collision at {(at - evidence.start) / 1e9:.3f} s",
+        )
+        for left, at in filter(None, (least, _soonest(sure, wanted)))
+    ]
+    if found[0].outcome == "passed" or (len(found) > 1 and found[1].outcome == "failed"):
+        return found[0] if found[0].outcome == "passed" else found[1]
+    message = (
+        "which obstacle of one message is which of the next one is not sure, and it may have had"
+        f" no such speed: publish them more often; {found[0].message}"
     )
+    return replace(found[0], outcome="invalid", message=message)
+
+
+def _soonest(pairs: list[Pair], wanted: Separation) -> tuple[float, int] | None:
+    """The least time to a collision in seconds, and when that was in ns."""
+    times = [(_time_to_collision(e, o, v, 2 * wanted.radius), t) for t, e, o, v in pairs]
+    return min(((left, t) for left, t in times if left is not None), default=None)
 
 
 def _feared(
@@ -148,6 +177,8 @@ class Met:
     course: list[tuple[int, Point]]
     obstacles: list[tuple[int, Point]]
     pairs: list[Pair]
+    # The same, without the velocities that an obstacle may never have had.
+    sure: list[Pair]
     # How near obstacles may have been that are not seen any more.
     feared: list[tuple[int, float]]
     share: float
@@ -179,11 +210,14 @@ def _met(wanted: Separation, evidence: Evidence) -> Met:
     way = Way(course, age)
     with_ego = _with_ego(course, way, scenes, age)
     near = _between(course, way, scenes, age, evidence.end)
+    seen: list[Pair] = [(*each, None) for each in near.seen]
+    since = _since(wanted, course, with_ego, age)
     lost = [(each.begin, each.until) for each in near.unknown if each.metres < _too_near(wanted)]
     return Met(
         course,
         [(time, point) for time, points in scenes for point in points],
-        _paired(with_ego) + [(*each, None) for each in near.seen],
+        _paired(with_ego, since) + seen,
+        _paired(with_ego, since, sure=True) + seen,
         near.feared,
         _share(course, with_ego, lost, wanted, evidence),
         "header" if ego_messages.clock == obstacle_messages.clock == "header" else "receipt",
@@ -273,28 +307,60 @@ def _points(sample: Sample, topic: str) -> list[Point]:
     return points
 
 
-def _paired(scenes: list[tuple[int, Point, list[Point]]]) -> list[Pair]:
-    """(time, ego, obstacle, closing velocity of the obstacle as the ego sees it), per obstacle.
+def _since(
+    wanted: Separation,
+    course: list[tuple[int, Point]],
+    scenes: list[tuple[int, Point, list[Point]]],
+    age: int,
+) -> "list[list[Origins]]":
+    """For each obstacle where its speed may be from, if that is asked for."""
+    places = [(time, points) for time, _, points in scenes]
+    if wanted.min_time_to_collision is None or not _finite(course, places):
+        return [[()] * len(points) for _, points in places]
+    # Other criteria, and the start of a laptop's run, need neither numpy nor scipy.
+    from bagpipe.evaluate.speeds import origins  # noqa: PLC0415
 
-    Velocities come from the scene before, where an obstacle keeps its place in the list, and of an
-    ego that may have driven from where it was then.
+    return list(origins(places, age))
+
+
+def _paired(
+    scenes: list[tuple[int, Point, list[Point]]],
+    since: "Sequence[Sequence[Origins]]",
+    *,
+    sure: bool = False,
+) -> list[Pair]:
+    """(time, ego, obstacle, closing velocity of the obstacle as the ego sees it), per obstacle and
+    place where it may come from, or of those that are sure.
+
+    Velocities are of an ego that may have driven from where it was then.
     """
     pairs: list[Pair] = []
-    before: tuple[int, Point, list[Point]] | None = None
-    for time, ego, points in scenes:
-        driven = before is not None and time > before[0] and drives(before[:2], (time, ego))
-        for number, point in enumerate(points):
-            velocity = None
-            if before is not None and driven and number < len(before[2]):
-                span = (time - before[0]) / 1e9
-                old_ego, old = before[1], before[2][number]
-                velocity = (
-                    ((point[0] - ego[0]) - (old[0] - old_ego[0])) / span,
-                    ((point[1] - ego[1]) - (old[1] - old_ego[1])) / span,
-                )
-            pairs.append((time, ego, point, velocity))
-        before = (time, ego, points)
+    egos: dict[int, Point] = {}
+    before: tuple[int, Point] | None = None
+    driven = 0  # since when
+    for (time, ego, points), earlier in zip(scenes, since, strict=True):
+        if before is not None and not drives(before, (time, ego)):
+            driven = time
+        before, egos[time] = (time, ego), ego
+        for point, origins in zip(points, earlier, strict=True):
+            marks = [each.mark for each in origins if each.sure or not sure]
+            velocities: list[Point | None] = [
+                _velocity((then, egos[then]), old, (time, ego), point)
+                for then, old in marks
+                if then >= driven
+            ]
+            pairs.extend((time, ego, point, each) for each in velocities or [None])
     return pairs
+
+
+def _velocity(then: tuple[int, Point], old: Point, now: tuple[int, Point], point: Point) -> Point:
+    """Of an obstacle, as the ego sees it."""
+    (begin, old_ego), (end, ego) = then, now
+    span = (end - begin) / 1e9
+    return (
+        ((point[0] - ego[0]) - (old[0] - old_ego[0])) / span,
+        ((point[1] - ego[1]) - (old[1] - old_ego[1])) / span,
+    )
 
 
 def _between(
@@ -305,13 +371,17 @@ def _between(
     end: int,
 ) -> "Approaches":
     """How near the ego came to obstacles between the scenes and behind the last ones."""
-    # Other criteria, and the start of a laptop's run, need neither numpy nor scipy.
+    # As for speeds.
     from bagpipe.evaluate.approach import Approaches, approaches  # noqa: PLC0415
 
-    places = itertools.chain((ego for _, ego in course), *(points for _, points in scenes))
-    if not all(math.isfinite(number) for place in places for number in place):
+    if not _finite(course, scenes):
         return Approaches([], [], [])  # which fails it
     return approaches(way, scenes, age, end)
+
+
+def _finite(course: list[tuple[int, Point]], scenes: list[tuple[int, list[Point]]]) -> bool:
+    places = itertools.chain((ego for _, ego in course), *(points for _, points in scenes))
+    return all(math.isfinite(number) for place in places for number in place)
 
 
 def _distance(ego: Point, obstacle: Point) -> float:

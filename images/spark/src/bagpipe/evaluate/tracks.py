@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
@@ -96,14 +96,14 @@ class _Track(NamedTuple):
     def reach(self, time: int) -> float:
         """How many metres from there it may be."""
         seconds = (time - self.time) / 1e9
-        return _off_course(seconds) if self._on_course(time) else STANDS + FASTEST * seconds
+        return off_course(seconds) if self._on_course(time) else STANDS + FASTEST * seconds
 
     def seen_again(self, time: int, place: Point) -> Self:
         """The same, at a later message."""
         if time == self.time:
             return self
         off, seconds = math.dist(self.at(time), place), (time - self.time) / 1e9
-        led_there = self._leads(time) and off <= _off_course(seconds)
+        led_there = self._leads(time) and off <= off_course(seconds)
         known = self._on_course(time) or led_there or math.dist(self.place, place) <= STANDS
         old, middle = self.marks if known and self.marks else 2 * (self.mark,)
         if time - middle[0] >= _LONG_ENOUGH:
@@ -132,7 +132,7 @@ class _Track(NamedTuple):
         """Whether it was where the other one, which was not seen later, was seen last."""
         off = math.dist(self.at(other.time), other.place)
         seconds = (self.time - other.time) / 1e9
-        return not self._on_course(other.time) or off <= _off_course(seconds)
+        return not self._on_course(other.time) or off <= off_course(seconds)
 
     def behind(self, age: int, end: int, last: int) -> Stretch:
         """Behind its last sighting. Where it stood, and no later message lacks it, it stands."""
@@ -152,17 +152,23 @@ def _straight(kind: Kind, one: Mark, other: Mark, age: int) -> Stretch:
     return Stretch(kind, begin, min(end, begin + age), (x, y), speed)
 
 
-def _off_course(seconds: float) -> float:
+def off_course(seconds: float) -> float:
     """Metres that one whose speed is known may be from where that leads in so many seconds."""
     return 2 * STANDS + _HARDEST * seconds * seconds
 
 
-def stretches(scenes: Sequence[Scene], age: int, end: int) -> Iterator[Stretch]:
+# The tracks that go on at a scene's points, by the points' numbers, and those that end there now.
+Sighting = tuple[dict[int, _Track], list[_Track]]
+
+
+def stretches(
+    scenes: Sequence[Scene], age: int, end: int, seen: Callable[[Sighting], None] | None = None
+) -> Iterator[Stretch]:
     """What is known of the obstacles' places between their messages, and for at most `age` ns
     behind the last one that has them, up to `end`. Places are finite, and scenes ascend by time.
 
     An obstacle that a message lacks is looked for in the later ones for `age` ns. One that is
-    another one's double is the same.
+    another one's double is the same. `seen` is called with what each scene has.
     """
     tracks: list[_Track] = []
     before = last = scenes[-1][0] if scenes else 0
@@ -181,10 +187,13 @@ def stretches(scenes: Sequence[Scene], age: int, end: int) -> Iterator[Stretch]:
         before = time
         yield from (each.behind(age, end, last) for each in tracks[:-most])
         del tracks[:-most]
-        tracks += [
+        new = [
             owners[number].seen_again(time, point) if number in owners else _Track(time, point)
             for number, point in enumerate(points)
         ]
+        tracks += new
+        if seen is not None:
+            seen((owners, new))
     yield from (each.behind(age, end, last) for each in tracks)
 
 
