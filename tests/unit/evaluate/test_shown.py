@@ -107,6 +107,27 @@ def test_of_two_answers_with_the_last_stamp_the_later_is_the_last(
         assert found(case(both), measure).outcome == outcome
 
 
+def test_a_last_answer_that_strays_is_the_final_error() -> None:
+    """It lies between the truth's last two samples, which are answered but for the last."""
+    final = {"error": ERROR["error"] | {"metric": "final", "stampTolerance": "10ms"}}
+    before, wild = RIGHT[:-1], answer(14.84, y=7.0)
+    finding = found(case([*before, wild]), final)
+    assert finding.outcome == "failed"
+    assert finding.figure == pytest.approx(6.9, abs=0.02)
+    assert "over 49 pairs of /pose and 1 answers that stray between" in finding.message
+    # Of two with that stamp the later; one on the way between both is no error.
+    again = answer(14.84, y=9.0, late=0.03)
+    assert found(case([*before, wild, again]), final).figure == pytest.approx(8.9, abs=0.02)
+    for later in (answer(14.84, late=0.03), answer(14.86)):
+        assert found(case([*before, wild, later]), final).outcome == "passed"
+    # One that strays no further than the last pair is off makes that no better.
+    off = [*RIGHT[:-2], answer(14.8, y=0.3), answer(14.84, y=0.2)]
+    assert found(case(off), final).figure == pytest.approx(0.3)
+    # What came after it with a later stamp is the last.
+    assert found(case([*before, answer(14.74, y=7.0)]), final).outcome == "passed"
+    assert found(case([*RIGHT, answer(14.84, y=7.0, late=0.2)]), final).outcome == "passed"
+
+
 def test_a_distance_beyond_all_squares_is_a_figure() -> None:
     rmse = {"error": ERROR["error"] | {"metric": "rmse"}}
     finding = found(case([*RIGHT[:-1], answer(14.9, x=1e300)]), rmse)

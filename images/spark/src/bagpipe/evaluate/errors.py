@@ -91,10 +91,17 @@ def _figure(wanted: Error, found: Matched) -> float:
     if wanted.metric == "max":
         return max(pair.distance for pair in [*found.pairs, *found.strays])
     if wanted.metric == "final":
-        # Of several with that stamp the one that came last, as for finalPose.
-        return max(reversed(found.pairs), key=lambda pair: pair.at).distance
+        last = _last_of(found.pairs)
+        # What is known of one behind it is the least that it is off by, too.
+        behind = [each for each in found.between if each.at > last.at]
+        return max(last.distance, _last_of(behind).distance) if behind else last.distance
     # What is known of strays is the least that they may be wrong by: it makes no mean better.
     return max(_mean(found.pairs), _mean([*found.pairs, *found.strays]))
+
+
+def _last_of(pairs: list[Pair]) -> Pair:
+    """Of several with the last stamp the one that came last, as for finalPose."""
+    return max(reversed(pairs), key=lambda pair: pair.at)
 
 
 def _mean(pairs: list[Pair]) -> float:

@@ -42,9 +42,9 @@ class Pair:
 class Matched:
     """All pairs in the order of receipt; `odd` is a failed finding where an answer is no number.
 
-    `strays` are answers between two of the truth's samples, near neither in time, and further from
-    both than these are from each other; their distance is what remains beyond that, so it is never
-    too great for a truth that goes from one sample to the next.
+    `between` are answers between two of the truth's samples, and near neither in time; their
+    distance is what they are further from both than these are from each other, so it is never too
+    great for a truth that goes from one sample to the next, and below zero for one on that way.
     """
 
     pairs: list[Pair]
@@ -53,9 +53,14 @@ class Matched:
     answered: list[bool]  # which of the truth's samples have an answer that is near enough
     clock: Clock
     odd: Finding | None = None
-    strays: list[Pair] = field(default_factory=list)
+    between: list[Pair] = field(default_factory=list)
     # When the truth was there, sample by sample, as the window counts; None where nothing says so.
     there: list[int] | None = None
+
+    @property
+    def strays(self) -> list[Pair]:
+        """Those of them that are off in any case."""
+        return [each for each in self.between if each.distance > 0]
 
 
 def matched(name: str, wanted: Error, evidence: Evidence) -> Matched:
@@ -84,12 +89,12 @@ def matched(name: str, wanted: Error, evidence: Evidence) -> Matched:
         (sample.time, at, [value for _, value in values])
         for sample, at, values in zip(answers, order, numbers, strict=True)
     ]
-    pairs, strays = ([], []) if odd else _compared(wanted, truth, times, given)
+    pairs, between = ([], []) if odd else _compared(wanted, truth, times, given)
     ordered = sorted(order)
     near = [abs(ordered[_nearest(ordered, time)] - time) <= most for time in times]
     clock: Clock = "header" if found.fault else found.clock
     there = _there(wanted, truth, times, evidence, foreign=foreign)
-    return Matched(pairs, len(answers), times, near, clock, odd, strays, there)
+    return Matched(pairs, len(answers), times, near, clock, odd, between, there)
 
 
 def several_frames(messages: Sequence[Sample], topic: str) -> str:
@@ -108,12 +113,12 @@ def several_frames(messages: Sequence[Sample], topic: str) -> str:
 def _compared(
     wanted: Error, truth: list[Sample], times: list[int], given: list[_Answer]
 ) -> tuple[list[Pair], list[Pair]]:
-    """The pairs, and what strays between the truth's samples."""
+    """The pairs, and what lies between the truth's samples."""
     most = duration_nanoseconds(wanted.stamp_tolerance)
     fields = wanted.truth_fields or wanted.fields
     true = [[number_at(each.message, path) for path in fields] for each in truth]
     widest = _GAP * usual_step(times, most)
-    pairs, strays = [], []
+    pairs, between = [], []
     for received, at, answer in given:
         nearest = _nearest(times, at)
         if abs(times[nearest] - at) <= most:
@@ -124,9 +129,8 @@ def _compared(
             if times[after] - times[after - 1] > widest:
                 continue
             distance = _beyond(answer, true[after - 1], true[after], angle=wanted.angle)
-            if distance > 0:
-                strays.append(Pair(received, at, nearest, distance))
-    return pairs, strays
+            between.append(Pair(received, at, nearest, distance))
+    return pairs, between
 
 
 def _there(
