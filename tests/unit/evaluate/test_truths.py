@@ -127,6 +127,67 @@ def test_a_gap_of_the_recording_itself_is_none_of_the_truth(metric: str) -> None
             assert found(given, metric=metric, recording=True).outcome == "invalid", where
 
 
+def delayed(
+    recording: bool, *more: float, late: float = 0.35, step: float = 0.1, shown: int = 30
+) -> Evidence:
+    """In 3 s a truth is stamped so long before it comes, and so are answers; more of them are wild.
+
+    A third of a second is more than a tenth of such a window.
+    """
+    came = [10.01 + n / 10 for n in range(shown)]
+    messages = [stamped(10.01 + n * step - late, 0.0, 0.0) for n in range(shown)]
+    source = [("/truth", *each) for each in zip(came, messages, strict=True)]
+    answers = [("/pose", at + 0.04, message) for _, at, message in source]
+    answers += [("/pose", 12.99, stamped(at, 999.0, 0.0)) for at in more]
+    return evidence(answers + ([] if recording else source), source, end=13)
+
+
+@pytest.mark.parametrize("recording", [False, True])
+@pytest.mark.parametrize("metric", METRICS)
+def test_a_truth_that_is_stamped_a_while_before_it_comes_is_there_all_the_time(
+    metric: str, recording: bool
+) -> None:
+    for late in (0.0, 0.35):
+        finding = found(delayed(recording, late=late), metric=metric, recording=recording)
+        assert finding.outcome == "passed", finding
+        assert finding.coverage == pytest.approx(1, abs=0.01)
+
+
+@pytest.mark.parametrize("recording", [False, True])
+@pytest.mark.parametrize("metric", METRICS)
+@pytest.mark.parametrize(
+    "given", [{"shown": 20}, {"step": 0.03, "late": 0.0}, {"shown": 1, "late": 1.0}]
+)
+def test_a_truth_that_ends_or_whose_stamps_are_too_slow_is_not_there_for_it(
+    metric: str, recording: bool, given: dict[str, Any]
+) -> None:
+    finding = found(delayed(recording, **given), metric=metric, recording=recording)
+    assert finding.outcome == "invalid", finding
+
+
+@pytest.mark.parametrize("recording", [False, True])
+@pytest.mark.parametrize("metric", METRICS)
+def test_behind_the_last_stamp_of_a_truth_nothing_is_judged_however_late_it_came(
+    metric: str, recording: bool
+) -> None:
+    finding = found(delayed(recording, 12.9), metric=metric, recording=recording)
+    assert finding.outcome == "invalid", finding
+    # Such as a goal of the drive's begin that comes late.
+    goal = [("/truth", 19.5, stamped(10.0, 0.0, 0.0))]
+    finding = found(evidence(wild_from(11) + goal), metric=metric, minCoverage=0.5)
+    assert finding.outcome == "invalid", finding
+
+
+@pytest.mark.parametrize("metric", METRICS)
+def test_a_truth_of_a_slow_stack_is_there_when_its_stamps_are(metric: str) -> None:
+    stamps = [10.01 + n / 10 for n in range(30)]
+    recorded = [(topic, at + 0.7, stamped(at, 0.0, 0.0))
+                for topic in ("/pose", "/truth") for at in stamps]  # fmt: skip
+    finding = found(evidence(recorded, end=13), metric=metric)
+    assert finding.outcome == "passed"
+    assert finding.coverage == pytest.approx(1, abs=0.005)
+
+
 def test_mode_max_leaves_open_when_a_truth_without_a_stamp_was_there() -> None:
     """All come at the end, as bag time runs ahead of the stack."""
     recorded = [(topic, 19.5 + n / 1000, number(1.0)) for topic in ("/a", "/b") for n in range(90)]

@@ -93,7 +93,7 @@ def matched(name: str, wanted: Error, evidence: Evidence) -> Matched:
     ordered = sorted(order)
     near = [abs(ordered[_nearest(ordered, time)] - time) <= most for time in times]
     clock: Clock = "header" if found.fault else found.clock
-    there = _there(wanted, truth, times, evidence, foreign=foreign)
+    there = _there(wanted, truth, times, max(order), evidence, foreign=foreign)
     return Matched(pairs, len(answers), times, near, clock, odd, between, there)
 
 
@@ -134,13 +134,26 @@ def _compared(
 
 
 def _there(
-    wanted: Error, truth: list[Sample], times: list[int], evidence: Evidence, *, foreign: bool
+    wanted: Error,
+    truth: list[Sample],
+    times: list[int],
+    last: int,
+    evidence: Evidence,
+    *,
+    foreign: bool,
 ) -> list[int] | None:
     if foreign:
         return [each.time for each in truth]
     # In mode max the receipt of what the stack publishes shows no time of the window.
     unknown = not evidence.paced and not wanted.recording
-    return None if unknown and any(each.stamp is None for each in truth) else times
+    if unknown:
+        return None if any(each.stamp is None for each in truth) else times
+    # What is always stamped a while before it comes, as a slow sensor's, ends before the window; so
+    # do answers to it, while others go on without a truth.
+    step = usual_step(times, duration_nanoseconds(wanted.stamp_tolerance))
+    behind = min(each.time - at for each, at in zip(truth, times, strict=True))
+    shift = max(0, min(behind, evidence.end - max(last, times[-1]) - step))
+    return [at + shift for at in times]
 
 
 def usual_step(times: list[int], most: int) -> int:
