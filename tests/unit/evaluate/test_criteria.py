@@ -5,6 +5,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from pydantic import ValidationError
 
@@ -14,7 +15,7 @@ from bagpipe.evaluate.finding import Finding, verdict
 from bagpipe.evaluate.judge import evaluate, faults
 from bagpipe.evaluate.model import Criterion
 from bagpipe.evaluate.values import MOST_SECONDS
-from tests.unit.evaluate.recordings import STORE, evidence, number, poses, stamped, text
+from tests.unit.evaluate.recordings import STORE, evidence, header, number, poses, stamped, text
 
 ROOT = Path(__file__).parents[3]
 
@@ -125,6 +126,46 @@ def test_an_integer_is_held_against_its_bound_as_it_is(sign: int, over: int, out
     finding = found(given, bounds=wanted)
     assert (finding.outcome, finding.figure) == (outcome, sign * 2.0**53)
     assert isinstance(finding.figure, float)
+
+
+@pytest.mark.parametrize("more", [0, 1, -1])
+def test_an_integer_is_held_against_one_that_is_no_float(more: int) -> None:
+    kind, bound = STORE.types["std_msgs/msg/UInt64"], 2**53 + 1
+    given = evidence([("/out", 10.0 + n, kind(bound + more)) for n in range(10)])
+    finding = found(given, bounds={"topic": "/out", "field": "data", "min": bound, "max": bound})
+    assert finding.outcome == ("failed" if more else "passed")
+    assert finding.limit == "9007199254740993 to 9007199254740993"
+    assert finding.message.startswith(f"{bound + more} data of /out")
+    over = {"topic": "/out", "field": "data", "max": 10**400}
+    with pytest.raises(ValidationError, match="Input should be a valid number"):
+        Criterion.model_validate({"name": "c", "bounds": over})
+
+
+def scan(value: float) -> Any:
+    """With the value in 32 bits, as a number and in an array."""
+    ranges = np.array([0.0, value], dtype=np.float32)
+    none = np.zeros(0, dtype=np.float32)
+    kind = STORE.types["sensor_msgs/msg/LaserScan"]
+    return kind(header(10), 0.0, 1.0, 0.1, 0.0, 0.1, 0.0, value, ranges, none)
+
+
+@pytest.mark.parametrize("field", ["range_max", "ranges[1]"])
+def test_a_number_of_32_bits_is_held_against_its_bound_in_32_bits(field: str) -> None:
+    """What is clipped to 0.6 is 2.4e-8 more in these."""
+
+    def judged(message: Any, path: str = field, **bounds: float) -> Finding:
+        given = evidence([("/out", 10.0 + n, message) for n in range(10)])
+        wanted = {"topic": "/out", "field": path, "minCoverage": 0}
+        return found(given, bounds=wanted | bounds)
+
+    for value in (0.6, -0.6, 0.3):
+        assert judged(scan(value), min=-0.6, max=0.6).outcome == "passed", value
+    assert judged(scan(0.6), min=-0.6, max=0.6).limit == "-0.6 to 0.6"
+    for value in (0.6000001, -0.6000001):
+        assert judged(scan(value), min=-0.6, max=0.6).outcome == "failed", value
+    # No number of 32 bits is beyond them; and what has 64 bits is not rounded.
+    assert judged(scan(0.6), max=1e300).outcome == "passed"
+    assert judged(number(0.6000000238418579), "data", max=0.6).outcome == "failed"
 
 
 def test_a_text_is_no_number_whatever_it_looks_like() -> None:

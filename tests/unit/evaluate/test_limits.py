@@ -53,3 +53,13 @@ def test_a_limit_is_written_with_its_unit_if_it_has_one(
     assert found.message == f"9 {unit} here".replace("  ", " ") + (
         f", and may be {limit}" if most else ""
     )
+
+
+def test_integers_that_are_no_floats_are_written_as_they_are() -> None:
+    figure = Finding("c", "bounds", "passed", 2**53 + 2)
+    assert bounded(figure, -(2**53) - 1, 2**53 + 1, "here").message == (
+        "9007199254740994 here, and may be -9007199254740993 to 9007199254740993"
+    )
+    few = Finding("c", "bounds", "passed", 2**53 - 1)
+    assert bounded(few, None, 2.0**53, "here").limit == "at most 9.0072e+15"
+    assert bounded(few, None, 2.0**53, "here").message == "9.0072e+15 here"

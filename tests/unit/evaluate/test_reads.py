@@ -7,7 +7,7 @@ import pytest
 
 from bagpipe.evaluate.reads import Path, never_equal, paths_of
 from tests.unit.evaluate.drives import INPUTS, answer, case, found
-from tests.unit.evaluate.recordings import STORE
+from tests.unit.evaluate.recordings import STORE, number
 
 
 @pytest.mark.parametrize(
@@ -82,7 +82,8 @@ MESSAGE: dict[str, Any] = {
     ],
 )
 def test_what_is_never_equal_is_named(text: str, sentence: str) -> None:
-    assert never_equal(text, MESSAGE)[: len(sentence) or None] == sentence
+    found = never_equal(text, MESSAGE, lambda _: False)
+    assert found[: len(sentence) or None] == sentence
 
 
 def test_a_comparison_that_always_holds_is_no_evidence() -> None:
@@ -90,3 +91,26 @@ def test_a_comparison_that_always_holds_is_no_evidence() -> None:
     for holds, outcome in (("msg.data != 0", "invalid"), ("!msg.data", "passed")):
         finding = found(case(flags), {"expression": {"topic": "/flag", "holds": holds}})
         assert finding.outcome == outcome, finding
+
+
+@pytest.mark.parametrize(
+    ("holds", "outcome"),
+    [
+        ("msg.data != 0.6", "invalid"),
+        ("0.6 == msg.data", "invalid"),
+        ("msg.data != 0.5", "passed"),
+        ("msg.data != 1", "passed"),
+        ("msg.data < 0.7 && msg.data > 0.6", "passed"),
+    ],
+)
+def test_a_number_of_32_bits_never_equals_a_fraction_that_it_does_not_have(
+    holds: str, outcome: str
+) -> None:
+    numbers = [("/number", at, STORE.types["std_msgs/msg/Float32"](0.6)) for at in INPUTS]
+    finding = found(case(numbers), {"expression": {"topic": "/number", "holds": holds}})
+    assert finding.outcome == outcome, finding
+    if outcome == "invalid":
+        assert "compares msg.data, which has 32 bits, with 0.6, which these" in finding.message
+    numbers = [("/number", at, number(0.7)) for at in INPUTS]
+    finding = found(case(numbers), {"expression": {"topic": "/number", "holds": "msg.data != 0.6"}})
+    assert finding.outcome == "passed"

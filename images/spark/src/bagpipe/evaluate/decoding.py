@@ -1,7 +1,7 @@
 """Messages as values, by the definitions that their recording has: those of ROS 1 and of ROS 2."""
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, ClassVar
@@ -126,6 +126,22 @@ def _types_of(kind: str, definition: str, schema_encoding: str) -> dict[str, Any
 
 def _definition(connection: Any) -> tuple[str, str, str]:
     return connection.type, connection.definition, connection.schema_encoding
+
+
+def base_type(connection: Any, names: Iterable[str]) -> str:
+    """The type of a field in a connection's messages, such as float32, or of an array's elements;
+    empty where it is none of ROS's own.
+    """
+    types = _types(connection)
+    kind: tuple[Any, Any] = (Nodetype.NAME, full_name(connection.type))
+    for name in names:
+        fields = dict(types[kind[1]][1]) if kind[0] == Nodetype.NAME and kind[1] in types else {}
+        if name not in fields:
+            return ""
+        kind = fields[name]
+        if kind[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+            kind = kind[1][0]
+    return str(kind[1][0]) if kind[0] == Nodetype.BASE else ""
 
 
 def _stamp_of_ros1(raw: memoryview) -> int | None:

@@ -2,6 +2,7 @@
 
 import math
 import re
+import struct
 from collections.abc import Iterable
 from functools import lru_cache
 from typing import Any
@@ -14,6 +15,7 @@ _PART = re.compile(r"([A-Za-z]\w*)(?:\[(\d+)\])?")
 _LONGEST_ARRAY = 1024
 # From there on not every integer is a float.
 _EXACT = 2**53
+_SINGLE = struct.Struct("f")
 
 
 def number_at(message: Any, path: str) -> float:
@@ -52,6 +54,19 @@ def _parts(path: str) -> tuple[tuple[str, str | None], ...]:
     """Names of fields with the index of an element, as far as each has one."""
     found = [(part, _PART.fullmatch(part)) for part in path.split(".")]
     return tuple((match[1], match[2]) if match else (part, None) for part, match in found)
+
+
+def names_in(path: str) -> list[str]:
+    """The fields that a path goes through."""
+    return [part.partition("[")[0] for part in path.split(".")]
+
+
+def single(number: float) -> float:
+    """What a field of 32 bits has for a number; that itself where it has none."""
+    try:
+        return float(_SINGLE.unpack(_SINGLE.pack(number))[0])
+    except OverflowError:
+        return number
 
 
 def as_map(value: Any) -> Any:

@@ -5,6 +5,9 @@ from dataclasses import replace
 
 from bagpipe.evaluate.finding import Figure, Finding
 
+# From there on not every integer is a float.
+_EXACT = 2**53
+
 
 def bounded(finding: Finding, least: float | None, most: float | None, where: str) -> Finding:
     """The finding as its figure lies between the bounds, both of which are allowed values.
@@ -15,7 +18,7 @@ def bounded(finding: Finding, least: float | None, most: float | None, where: st
     limit = limits(least, most, finding.unit)
     inside = figure is not None and figure == figure  # noqa: PLR0124  NaN is the only other
     inside = inside and (least is None or figure >= least) and (most is None or figure <= most)  # type: ignore[operator]
-    shown = "no number" if figure is None else f"{figure:.6g} {finding.unit}".strip()
+    shown = "no number" if figure is None else f"{_shown(figure, '.6g')} {finding.unit}".strip()
     message = f"{shown} {where}, and may be {limit}" if not inside else f"{shown} {where}"
     return replace(finding, outcome="passed" if inside else "failed", limit=limit, message=message)
 
@@ -34,6 +37,13 @@ def of_all_bounds(found: Sequence[Finding], shown: Finding) -> Finding:
 def limits(least: float | None, most: float | None, unit: str) -> str:
     """Bounds as people write them."""
     of_unit = f" {unit}" if unit else ""
+    low, high = ("" if each is None else _shown(each, "g") for each in (least, most))
     if least is not None and most is not None:
-        return f"{least:g} to {most:g}{of_unit}"
-    return f"at least {least:g}{of_unit}" if least is not None else f"at most {most:g}{of_unit}"
+        return f"{low} to {high}{of_unit}"
+    return f"at least {low}{of_unit}" if least is not None else f"at most {high}{of_unit}"
+
+
+def _shown(number: float, form: str) -> str:
+    """An integer that is no float is written as it is: with the next one it would look alike."""
+    exact = isinstance(number, int) and abs(number) >= _EXACT
+    return str(number) if exact else format(number, form)

@@ -2,7 +2,7 @@
 
 import math
 import re
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
     AfterValidator,
@@ -10,6 +10,8 @@ from pydantic import (
     ConfigDict,
     Field,
     ValidationInfo,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
     model_validator,
 )
 from pydantic.alias_generators import to_camel
@@ -55,6 +57,11 @@ def _finite(number: float, info: ValidationInfo) -> float:
     return number
 
 
+def _as_written(given: Any, checked: ValidatorFunctionWrapHandler) -> Any:
+    number = checked(given)
+    return given if isinstance(given, int) else number
+
+
 def _timeout(text: str) -> str:
     if not 0 < duration_seconds(text) <= _LONGEST_TIMEOUT:
         raise ValueError(f"{text!r} is no time to wait: write more than 0s and at most 24h")
@@ -64,6 +71,8 @@ def _timeout(text: str) -> str:
 Topic = Annotated[str, Field(max_length=256), AfterValidator(_topic)]
 Path = Annotated[str, Field(max_length=256), AfterValidator(_path)]
 Bound = Annotated[float, AfterValidator(_finite)]
+# An integer as it is: not every one is a float.
+ExactBound = Annotated[Bound, WrapValidator(_as_written)]
 AboveZero = Annotated[Bound, Field(gt=0)]
 Timeout = Annotated[Duration, AfterValidator(_timeout)]
 # The least part of the window, or of the truth's samples, that a criterion must be judged on.
@@ -143,6 +152,8 @@ class FieldBounds(_Bounded):
 
     topic: Topic
     field: Path
+    min: ExactBound | None = None
+    max: ExactBound | None = None
     min_coverage: Share = 0.75
 
 

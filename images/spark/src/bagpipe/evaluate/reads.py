@@ -2,8 +2,10 @@
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
+
+from bagpipe.evaluate.fields import single
 
 _QUOTES = "'''|\"\"\"|'|\""
 # A comment, or a text with its quotes, in which a backslash escapes nothing after r.
@@ -57,18 +59,33 @@ def _path(read: str, texts: list[str]) -> Path:
     return tuple(path)
 
 
-def never_equal(text: str, message: Any) -> str:
+def never_equal(text: str, message: Any, in_single: Callable[[Path], bool]) -> str:
     """A sentence where a field is compared with a literal that no value of its type equals: CEL
-    then gives an answer for every message, and it is always the same one.
+    then gives an answer for every message, and it is always the same one. `in_single` says whether
+    the number at a path has 32 bits.
     """
     plain, texts = _without_texts(text)
     for found in _COMPARED.finditer(plain):
         parts = found[1] if found["right"] else found[4]
-        other = _type_of_literal(found["right"] or found["left"])
-        value = _type_of(_at(message, _path(parts, texts)))
+        literal, path = found["right"] or found["left"], _path(parts, texts)
+        other = _type_of_literal(literal)
+        value = _type_of(_at(message, path))
         if value and value != other:
             return f"compares msg{parts.strip()}, which is {value}, with {other}: never equal"
+        if value == "a number" and _no_single(literal) and in_single(path):
+            return (
+                f"compares msg{parts.strip()}, which has 32 bits, with {literal}, which these"
+                " don't have: never equal"
+            )
     return ""
+
+
+def _no_single(literal: str) -> bool:
+    """Whether a number is a fraction that no field of 32 bits has."""
+    try:
+        return single(float(literal)) != float(literal)
+    except ValueError:
+        return False  # as hexadecimal digits
 
 
 def _type_of(value: Any) -> str:

@@ -1,12 +1,15 @@
 """Criteria over what messages say: bounds of a field, an expression over each message."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from time import monotonic
 from typing import Any
 
+from bagpipe.evaluate.decoding import base_type
 from bagpipe.evaluate.evidence import Evidence
-from bagpipe.evaluate.fields import as_map, no_number, number_at
+from bagpipe.evaluate.fields import as_map, names_in, no_number, number_at, single
 from bagpipe.evaluate.finding import Finding, NoEvidenceError, covering
 from bagpipe.evaluate.limits import bounded, limits
 from bagpipe.evaluate.model import Expression, FieldBounds
@@ -29,12 +32,13 @@ def bounds(name: str, wanted: FieldBounds, evidence: Evidence) -> Finding:
     what = f"{wanted.field} of {wanted.topic}"
     finding = no_number(name, "bounds", what, numbers, evidence.start)
     if finding is None:
-        at, worst = max(numbers, key=lambda pair: _excess(pair[1], wanted))
+        least, most = _bounds_of(wanted, found)
+        at, worst = max(numbers, key=lambda pair: _excess(pair[1], least, most))
         when = (at - evidence.start) / 1e9
         finding = bounded(
             Finding(name, "bounds", "passed", worst),
-            wanted.min,
-            wanted.max,
+            least,
+            most,
             f"{what} at {when:.3f} s of {len(numbers)} messages",
         )
         finding = replace(finding, figure=float(worst))
@@ -49,10 +53,26 @@ def _covering(
     return covering(finding, share, covered, found.clock, least, lasting=lasting, remedy=remedy)
 
 
-def _excess(value: float, wanted: FieldBounds) -> tuple[bool, float]:
+def _bounds_of(wanted: FieldBounds, found: TopicMessages) -> tuple[float | None, float | None]:
+    """As the field has them: in 32 bits 0.6 is a little more, and is no more than its bound."""
+    given = (wanted.min, wanted.max)
+    least, most = (None if each is None else single(each) for each in given)
+    if (least, most) == given or not _in_single(found, names_in(wanted.field)):
+        return given
+    return least, most
+
+
+def _in_single(found: TopicMessages, path: Sequence[str | int]) -> bool:
+    """Whether the number at a path has 32 bits in all messages."""
+    names = [part for part in path if isinstance(part, str)]
+    connections = {each.connection.id: each.connection for each in found.answers}
+    return all(base_type(each, names) == "float32" for each in connections.values())
+
+
+def _excess(value: float, least: float | None, most: float | None) -> tuple[bool, float]:
     """Whether a value is beyond its bounds, and how far, as exactly as a float can say that."""
-    least = -math.inf if wanted.min is None else wanted.min
-    most = math.inf if wanted.max is None else wanted.max
+    least = -math.inf if least is None else least
+    most = math.inf if most is None else most
     return not least <= value <= most, max(least - value, value - most)
 
 
@@ -61,7 +81,7 @@ def expression(name: str, wanted: Expression, evidence: Evidence) -> Finding:
     program = compiled(wanted.holds)
     found = messages_of(wanted.topic, evidence)
     answers = [(s.time, as_map(s.message)) for s in samples(found, evidence)]
-    if vain := never_equal(wanted.holds, answers[0][1]):
+    if vain := never_equal(wanted.holds, answers[0][1], partial(_in_single, found)):
         raise NoEvidenceError(f"{wanted.holds} {vain}: write a value of its own type")
     finding = _odd(name, wanted, answers, evidence.start)
     if finding is None:
