@@ -26,6 +26,11 @@ _SECOND = 1_000_000_000
 # type within one, which takes longer than reading the messages of a short window; a process
 # judges the recordings of many cases, which mostly have the same types.
 _MOST_KEPT = 32
+# In bytes, of the types that are always as long.
+_LENGTHS = {
+    "bool": 1, "byte": 1, "char": 1, "octet": 1, "int8": 1, "uint8": 1, "int16": 2, "uint16": 2,
+    "int32": 4, "uint32": 4, "float32": 4, "int64": 8, "uint64": 8, "float64": 8,
+}  # fmt: skip
 
 
 @dataclass
@@ -62,6 +67,33 @@ def stamp_reader(connection: Any) -> Callable[[memoryview], int | None] | None:
         return {ROS1: _stamp_of_ros1, CDR: _stamp_of_cdr}.get(connection.encoding)
     if any(name == "header" and kind in _HEADERS for name, kind in fields):
         return _decoded_stamp(connection)
+    return None
+
+
+def sequence_at(connection: Any) -> int | None:
+    """Where the header's sequence number stands in the messages of a type of ROS 1, if it is in
+    the same place in all of them and is easily found; in those of ROS 2, which have none, the head
+    of CDR.
+    """
+    if connection.encoding == CDR:
+        return 0
+    return _sequence_at(*_definition(connection))
+
+
+@lru_cache(maxsize=256)
+def _sequence_at(kind: str, definition: str, schema_encoding: str) -> int | None:
+    try:
+        fields = _types_of(kind, definition, schema_encoding)[full_name(kind)][1]
+    except Exception:  # noqa: BLE001  a definition of any text
+        return None
+    before = 0
+    for number, (name, kind_of) in enumerate(fields):
+        if kind_of in _HEADERS and (number == 0 or name == "header"):
+            return before
+        length = _LENGTHS.get(kind_of[1][0]) if kind_of[0] == Nodetype.BASE else None
+        if length is None:
+            return None
+        before += length
     return None
 
 
@@ -132,7 +164,7 @@ def base_type(connection: Any, names: Iterable[str]) -> str:
     """The type of a field in a connection's messages, such as float32, or of an array's elements;
     empty where it is none of ROS's own.
     """
-    types = _types(connection)
+    types = _types_of(*_definition(connection))
     kind: tuple[Any, Any] = (Nodetype.NAME, full_name(connection.type))
     for name in names:
         fields = dict(types[kind[1]][1]) if kind[0] == Nodetype.NAME and kind[1] in types else {}

@@ -12,13 +12,13 @@ from functools import cached_property
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import bagpipe
-from bagpipe.evaluate.decoding import decoder, stamp_reader
+from bagpipe.evaluate.decoding import decoder, sequence_at, stamp_reader
 from bagpipe.evaluate.finding import NoEvidenceError
 from bagpipe.recording_format import in_memory
 from bagpipe.topic_names import resolve
 
-# Of a message that begins with a header: the sequence number of ROS 1, or the head of CDR.
-_BEFORE_STAMP = 4
+# In bytes: the sequence number of a header of ROS 1, or the head of CDR.
+_SEQUENCE = 4
 # Between inputs: a silence that is longer than half a second and ten usual steps is a gap.
 _LEAST_GAP, _GAP_STEPS = 500_000_000, 10
 # Inputs that come together, as those of a stereo camera: with a step as short as this or none
@@ -62,7 +62,11 @@ class Received(NamedTuple):
         """Equal for messages that differ in nothing but `header.seq`; a message without a stamp
         is like no other.
         """
-        return (self.stamp, hash(bytes(self.raw[_BEFORE_STAMP:]))) if self.stamp else id(self)
+        if not self.stamp:
+            return id(self)
+        at = sequence_at(self.connection)
+        before, behind = (0, 0) if at is None else (at, at + _SEQUENCE)
+        return self.stamp, hash(bytes(self.raw[:before])), hash(bytes(self.raw[behind:]))
 
 
 class _ForTypes(Generic[Made]):
