@@ -79,6 +79,18 @@ MESSAGE: dict[str, Any] = {
         ("msg.raw == b'ab' && msg.none == 1 && msg.list == [1]", ""),
         ("msg.text != 'msg.flag != 0' // msg.flag != 0", ""),
         ("msg.list[0] == 1 && msg.list[9] == '1'", ""),
+        # A relation is taken with what is on its left: (msg.size > 2) == msg.flag.
+        ("msg.size > 2 == msg.flag", ""),
+        ("msg.size >= -2 == msg.flag && msg.size < size(msg.list) + 2 != msg.flag", ""),
+        ("msg.ratio < msg.size == true && 1 in msg.list == msg.flag", ""),
+        ("msg.size in [2, 3] == msg.flag && msg.size in msg.list == true", ""),
+        ("msg.flag == msg.size == msg.flag == true", ""),
+        ("msg.size > 2 && 2 == msg.flag", "compares msg.flag, which is true or false, with a num"),
+        ("[msg.size > 2, 2 == msg.flag][0]", "compares msg.flag, which is true or false, with a"),
+        ("msg.size > 2 ? 2 == msg.flag : msg.flag == 3", "compares msg.flag, which is true or fal"),
+        ("(msg.size > 2) != (2 == msg.flag)", "compares msg.flag, which is true or false, with a"),
+        ("msg.list[0 < 1 ? 0 : 1] + 2.0 == msg.flag", "compares msg.flag, which is true or false"),
+        ("!(msg.size > 2) || !msg.flag == 2", "compares msg.flag, which is true or false, with a"),
     ],
 )
 def test_what_is_never_equal_is_named(text: str, sentence: str) -> None:

@@ -26,6 +26,10 @@ _COMPARED = re.compile(
     rf"{_READ.pattern}{_EQUAL}{_LITERAL.format('right')}"
     rf"|(?<![\w.]){_LITERAL.format('left')}{_EQUAL}{_READ.pattern}(?!\s*[.\[(])"
 )
+# What is in brackets, and what a relation reaches no further back than.
+_CLOSED = re.compile(r"[(\[{][^()\[\]{}]*[)\]}]")
+_BEGIN = re.compile(r"[(\[{,?:]|&&|\|\|")
+_RELATION = re.compile(r"[<>=]|\bin\b")
 _PART = re.compile(r"\.\s*([A-Za-z_][A-Za-z0-9_]*)|\[\s*(?:(\d+)|'(\d+)')\s*\]")
 
 Path = tuple[str | int, ...]
@@ -66,6 +70,8 @@ def never_equal(text: str, message: Any, in_single: Callable[[Path], bool]) -> s
     """
     plain, texts = _without_texts(text)
     for found in _COMPARED.finditer(plain):
+        if _ends_a_relation(plain[: found.start()]):
+            continue
         parts = found[1] if found["right"] else found[4]
         literal, path = found["right"] or found["left"], _path(parts, texts)
         other = _type_of_literal(literal)
@@ -78,6 +84,15 @@ def never_equal(text: str, message: Any, in_single: Callable[[Path], bool]) -> s
                 " don't have: never equal"
             )
     return ""
+
+
+def _ends_a_relation(text: str) -> bool:
+    """Whether what follows is a relation's right side: all of that is compared with the next one,
+    as in a > 2 == b.
+    """
+    while (shorter := _CLOSED.sub("0", text)) != text:
+        text = shorter
+    return _RELATION.search(_BEGIN.split(text)[-1]) is not None
 
 
 def _no_single(literal: str) -> bool:
