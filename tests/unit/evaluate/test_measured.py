@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from bagpipe.evaluate.judge import evaluate
-from bagpipe.evaluate.measured import mark_of
+from bagpipe.evaluate.measured import earlier_mark_of, mark_of
 from bagpipe.evaluate.model import Criterion
 from bagpipe.row_facts import SLOWED
 from tests.unit.crds.test_criteria_refusals import GOOD
@@ -99,6 +99,39 @@ def test_a_latency_is_compared_with_one_of_a_play_as_slow_or_as_fast() -> None:
     assert [each.startswith(SLOWED) for each in marks] == [True, True, False, False, False]
     for kind in GOOD.keys() - {"latency"}:
         assert len({mark(kind, rate=rate) for rate in rates}) == 1
+
+
+def test_cpu_seconds_of_a_second_on_the_wall_are_compared_at_one_rate() -> None:
+    rates = (0.25, 1.0, 4.0)
+    assert len({mark("resources", rate=rate, unit="CPUs") for rate in rates}) == len(rates)
+    assert len({mark("resources", rate=rate, unit="bytes") for rate in rates}) == 1
+    criterion = Criterion.model_validate({"name": "c", "resources": {"maxCpu": 1.5}})
+    unpaced = mark_of(criterion, "CPUs", 1.0, paced=False)
+    assert unpaced not in {mark_of(criterion, "CPUs", rate) for rate in rates}
+    # Releases before measured the same; in lock-step they are taken for those in real time.
+    assert earlier_mark_of(criterion, "CPUs", "max", 1.0) == unpaced
+    for mode in ("realtime", "lockstep"):
+        assert earlier_mark_of(criterion, "CPUs", mode, 4.0) == mark_of(criterion, "CPUs", 4.0)
+
+
+def test_the_worst_gap_by_receipt_is_another_figure_than_by_stamps() -> None:
+    """Every tenth second a message, of which those from 14 to 15 s come 0.85 s late."""
+    came = [10 + n / 10 for n in range(100)]
+    late = [("/p", at + (0.9 if 14 < at < 15 else 0.05), stamped(at, 1.0, 0.0)) for at in came]
+    worst = Criterion.model_validate(
+        {"name": "c", "rate": {"topic": "/p", "min": 0.5, "over": "worst"}}
+    )
+    [by_receipt] = evaluate([worst], evidence(late))
+    [by_stamp] = evaluate([worst], evidence(late, paced=False))
+    assert by_receipt.figure != by_stamp.figure
+    assert by_receipt.measures == mark_of(worst, "Hz", 1.0)
+    assert by_stamp.measures == mark_of(worst, "Hz", 1.0, paced=False) != by_receipt.measures
+    # Releases before went by receipt in every mode, of which bag time in max says nothing.
+    earlier = {mode: earlier_mark_of(worst, "Hz", mode, 2.0) for mode in ("lockstep", "max")}
+    assert earlier["lockstep"] == by_receipt.measures
+    assert earlier["max"] not in {by_receipt.measures, by_stamp.measures}
+    over_all = Criterion.model_validate({"name": "c", "rate": {"topic": "/p", "min": 0.5}})
+    assert mark_of(over_all, "Hz", 1.0, paced=False) == mark_of(over_all, "Hz", 1.0)
 
 
 def test_what_a_user_s_own_evaluator_measures_is_not_known() -> None:

@@ -72,5 +72,5 @@ def _found(
         log.exception("criterion %s", criterion.name)
         text = f"{type(fault).__name__}: {fault}"
         finding = Finding(criterion.name, kind, "invalid", message=f"could not be judged: {text}")
-    finding = marked(finding, criterion, evidence.rate)
+    finding = marked(finding, criterion, evidence.rate, paced=evidence.paced)
     return as_expected(finding) if criterion.expect_failure else finding

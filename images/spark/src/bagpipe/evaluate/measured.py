@@ -24,35 +24,50 @@ _ELSEWHERE = {
 
 # The rate at which bag time is real time.
 _REAL_TIME = "1"
+_CPU = "CPUs"
 
 
-def marked(finding: Finding, criterion: Criterion, rate: float) -> Finding:
+def marked(finding: Finding, criterion: Criterion, rate: float, *, paced: bool) -> Finding:
     """The finding with the marks of its figures, in a play of that rate."""
     figures = (
-        replace(each, measures=mark_of(criterion, each.unit, rate)) for each in finding.figures
+        replace(each, measures=mark_of(criterion, each.unit, rate, paced=paced))
+        for each in finding.figures
     )
-    mark = mark_of(criterion, finding.unit, rate)
+    mark = mark_of(criterion, finding.unit, rate, paced=paced)
     return replace(finding, measures=mark, figures=tuple(figures))
 
 
-def mark_of(criterion: Criterion, unit: str, rate: float) -> str:
+def mark_of(criterion: Criterion, unit: str, rate: float, *, paced: bool = True) -> str:
     """Equal for criteria whose figure of that unit is of the same, whatever they demand.
 
     That of a latency in a slow play begins with SLOWED: no release before had it in real time.
     Empty for a user's own evaluator: what it measures is not known, and its ConfigMap may have
-    another name in each version.
+    another name in each version. With `paced` false bag time ran ahead of the stack.
     """
     if criterion.latency is not None and rate < 1:
         return f"{SLOWED}{rate:g}-{_mark(criterion, unit, _REAL_TIME)}"
-    return earlier_mark_of(criterion, unit, "realtime", rate)
+    if _of_worst_gap(criterion) and not paced:
+        return _mark(criterion, unit, "stamps")
+    return earlier_mark_of(criterion, unit, "realtime" if paced else "max", rate)
 
 
 def earlier_mark_of(criterion: Criterion, unit: str, mode: str, rate: float) -> str:
     """That of a figure of a release which wrote none: it had every latency in bag time, so many
-    times that in real time, or in another mode that of an input.
+    times that in real time, or in another mode that of an input; and the worst gap by receipt.
     """
-    pace = f"{rate:g}" if mode == "realtime" else mode
-    return _mark(criterion, unit, pace if criterion.latency is not None else _REAL_TIME)
+    pace = _REAL_TIME
+    if criterion.latency is not None:
+        pace = f"{rate:g}" if mode == "realtime" else mode
+    elif criterion.resources is not None and unit == _CPU:
+        # Per second on the wall, in which more or less is played; lock-step is not known here.
+        pace = mode if mode == "max" else f"{rate:g}"
+    elif _of_worst_gap(criterion) and mode == "max":
+        pace = mode
+    return _mark(criterion, unit, pace)
+
+
+def _of_worst_gap(criterion: Criterion) -> bool:
+    return criterion.rate is not None and criterion.rate.over == "worst"
 
 
 def _mark(criterion: Criterion, unit: str, pace: str) -> str:
