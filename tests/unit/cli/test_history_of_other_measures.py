@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 from click.testing import CliRunner
 
 from bagpipe.cli.__main__ import main
-from bagpipe.history.findings import CriterionHistory, history_of
+from bagpipe.history.findings import CriterionHistory, Night, history_of
 from bagpipe.history.run import CaseOfRun, Found, Measured, Run
 from tests.unit.bagpipe.jobs import make_row
 from tests.unit.report.publishing import publish
@@ -64,6 +64,17 @@ def test_the_newest_mark_that_is_known_decides() -> None:
         for found in (Found("late", "passed", 1.0, "s", measures="p99"), silent)
     ]
     assert [night.median for night in history_of(runs).criteria[0].nights] == [1.0, None]
+
+
+def test_what_an_invalid_finding_was_judged_on_is_no_figure() -> None:
+    def run(*found: Found) -> Run:
+        cases = (CaseOfRun(f"c{n}", each.outcome, 1.0, 0, (each,)) for n, each in enumerate(found))
+        return Run("r", "1", "Passed", tuple(cases))
+
+    good = Found("late", "passed", 1.0, "s", measures="p99")
+    dead = Found("late", "invalid", 0.01, "s", measures="p50")
+    (late, *_) = history_of([run(good, good), run(good, dead), run(dead, dead)]).criteria
+    assert late.nights == (Night(2, 0, 1.0), Night(1, 0, 1.0), Night(0, 0, None))
 
 
 def test_each_of_several_figures_is_of_its_own_definition() -> None:

@@ -174,9 +174,11 @@ def _nights(runs: Sequence[_Findings], unit: str) -> tuple[Night, ...]:
 
 
 def _measured(findings: _Findings, unit: str) -> dict[str, list[float]]:
-    """The figures of that unit by the marks of what they are of."""
+    """The figures of that unit by the marks of what they are of; what little an invalid finding was
+    judged on is no figure.
+    """
     by_mark: dict[str, list[float]] = defaultdict(list)
-    for _, found in findings:
+    for found in (found for _, found in findings if found.outcome != "invalid"):
         for its_unit, figure, mark in found.measured:
             if figure is not None and its_unit == unit:
                 by_mark[mark].append(figure)
