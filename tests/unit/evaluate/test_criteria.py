@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import tracemalloc
 from pathlib import Path
 from typing import Any
 
@@ -166,6 +167,24 @@ def test_a_number_of_32_bits_is_held_against_its_bound_in_32_bits(field: str) ->
     # No number of 32 bits is beyond them; and what has 64 bits is not rounded.
     assert judged(scan(0.6), max=1e300).outcome == "passed"
     assert judged(number(0.6000000238418579), "data", max=0.6).outcome == "failed"
+
+
+def test_of_messages_one_at_a_time_is_made_a_map_for_an_expression() -> None:
+    """A map of 1,000 numbers is 32 kB, and all of them would be 6 MB."""
+    ranges, none = np.arange(1000, dtype=np.float32), np.zeros(0, dtype=np.float32)
+    kind = STORE.types["sensor_msgs/msg/LaserScan"]
+    scans = [kind(header(at), 0.0, 1.0, 0.1, 0.0, 0.1, 0.0, 30.0, ranges, none)
+             for at in (10 + n / 20 for n in range(200))]  # fmt: skip
+    given = evidence([("/out", 10 + n / 20, each) for n, each in enumerate(scans)])
+    assert len(given.recorded.samples("/out")) == 200
+    wanted = {"topic": "/out", "holds": "msg.range_max > 1.0"}
+    found(evidence([("/out", 10.0, scans[0])]), expression=wanted)  # which imports what it needs
+    tracemalloc.start()
+    finding = found(given, expression=wanted)
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert finding.outcome == "passed"
+    assert most < 2_000_000
 
 
 def test_a_text_is_no_number_whatever_it_looks_like() -> None:

@@ -82,8 +82,8 @@ def as_map(value: Any) -> Any:
     if hasattr(value, "__len__"):
         if len(value) > _LONGEST_ARRAY:
             return None
-        plain = value.tolist() if hasattr(value, "tolist") else value
-        return [as_map(item) for item in plain]
+        # What numpy makes of an array of numbers is plain.
+        return value.tolist() if hasattr(value, "tolist") else [as_map(item) for item in value]
     return value.item() if hasattr(value, "item") else None
 
 

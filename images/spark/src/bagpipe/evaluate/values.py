@@ -8,7 +8,7 @@ from time import monotonic
 from typing import Any
 
 from bagpipe.evaluate.decoding import base_type
-from bagpipe.evaluate.evidence import Evidence
+from bagpipe.evaluate.evidence import Evidence, Sample
 from bagpipe.evaluate.fields import as_map, names_in, no_number, number_at, single
 from bagpipe.evaluate.finding import Finding, NoEvidenceError, covering
 from bagpipe.evaluate.limits import bounded, limits
@@ -80,8 +80,9 @@ def expression(name: str, wanted: Expression, evidence: Evidence) -> Finding:
     """The share of messages for which it holds. Raises NoEvidenceError where that is unknown."""
     program = compiled(wanted.holds)
     found = messages_of(wanted.topic, evidence)
-    answers = [(s.time, as_map(s.message)) for s in samples(found, evidence)]
-    if vain := never_equal(wanted.holds, answers[0][1], partial(_in_single, found)):
+    answers = samples(found, evidence)
+    first = as_map(answers[0].message)
+    if vain := never_equal(wanted.holds, first, partial(_in_single, found)):
         raise NoEvidenceError(f"{wanted.holds} {vain}: write a value of its own type")
     finding = _odd(name, wanted, answers, evidence.start)
     if finding is None:
@@ -89,12 +90,12 @@ def expression(name: str, wanted: Expression, evidence: Evidence) -> Finding:
     return _covering(finding, found, evidence, wanted.min_coverage, lasting=wanted.share == 1.0)
 
 
-def _odd(
-    name: str, wanted: Expression, answers: list[tuple[int, Any]], start: int
-) -> Finding | None:
+def _odd(name: str, wanted: Expression, answers: list[Sample], start: int) -> Finding | None:
     """Looked for before the expression is computed: CEL can't compare what is no number."""
     read = paths_of(wanted.holds) if wanted.finite else []
-    numbers = [(at, number_below(message, path)) for at, message in answers for path in read]
+    # Of one message at a time: a map is many times as large as the message that it is made of.
+    maps = ((each.time, as_map(each.message)) for each in answers if read)
+    numbers = [(at, number_below(message, path)) for at, message in maps for path in read]
     what = f"what {wanted.holds} reads of {wanted.topic}"
     return no_number(name, "expression", what, numbers, start)
 
@@ -103,7 +104,7 @@ def _holds(
     name: str,
     wanted: Expression,
     program: Compiled,
-    answers: list[tuple[int, Any]],
+    answers: list[Sample],
     evidence: Evidence,
 ) -> Finding:
     found = _answers(program, answers, evidence)
@@ -138,15 +139,15 @@ def _holds(
 
 
 def _answers(
-    program: Compiled, answers: list[tuple[int, Any]], evidence: Evidence
+    program: Compiled, answers: list[Sample], evidence: Evidence
 ) -> list[tuple[int, bool]]:
     """As far as MOST_SECONDS go; the message at hand is computed to its end."""
     found: list[tuple[int, bool]] = []
     begun = monotonic()
-    for at, message in answers:
+    for each in answers:
         if monotonic() - begun > MOST_SECONDS:
             break
-        found.append((at, _answer(program, message, at, evidence)))
+        found.append((each.time, _answer(program, as_map(each.message), each.time, evidence)))
     return found
 
 
