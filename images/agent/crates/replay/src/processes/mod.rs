@@ -91,7 +91,8 @@ fn demand(task: &std::path::Path) -> Option<Demand> {
 }
 
 fn waits(task: PathBuf) -> Option<Waits> {
-    let syscall = std::fs::read_to_string(task.join("syscall")).ok()?;
+    // Of another user's process it can't be read, and the state can.
+    let syscall = std::fs::read_to_string(task.join("syscall")).unwrap_or_default();
     // A thread's name may be no text: the kernel cuts it within a letter.
     let stat = std::fs::read(task.join("stat")).unwrap_or_default();
     threads::waits(&syscall, &String::from_utf8_lossy(&stat))

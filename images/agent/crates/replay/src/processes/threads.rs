@@ -118,6 +118,8 @@ mod tests {
         assert_eq!(waits(disk, "7 (a) R 1 7 7 0"), Some(Waits::Processor));
         assert_eq!(waits("running", "7 (R) S 1 7 7 0"), Some(Waits::Processor));
         assert_eq!(waits(disk, ""), Some(Waits::Else));
+        assert_eq!(waits("", "7 (py) D 1 7 7 0"), Some(Waits::Disk));
+        assert_eq!(waits("", "7 (py) S 1 7 7 0"), None);
         assert_eq!(waits("", ""), None);
     }
 
