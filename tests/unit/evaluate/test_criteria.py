@@ -166,6 +166,7 @@ def test_a_number_of_32_bits_is_held_against_its_bound_in_32_bits(field: str) ->
         assert judged(scan(value), min=-0.6, max=0.6).outcome == "failed", value
     # No number of 32 bits is beyond them; and what has 64 bits is not rounded.
     assert judged(scan(0.6), max=1e300).outcome == "passed"
+    assert judged(scan(0.0), min=1e-50).outcome == "failed"
     assert judged(number(0.6000000238418579), "data", max=0.6).outcome == "failed"
 
 

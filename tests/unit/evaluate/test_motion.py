@@ -689,6 +689,19 @@ def test_one_that_comes_into_sight_first_in_the_list_makes_no_other_one_faster()
     assert (finding.outcome, finding.figure) == ("passed", math.inf), finding.message
 
 
+@pytest.mark.parametrize(("step", "speed"), [(0.1, 80), (0.2, 75), (0.5, 72)])
+def test_one_that_is_faster_than_any_car_does_not_pass(step: float, speed: float) -> None:
+    """Beside a parked car, whose speed is known."""
+    scenes = []
+    for turn in range(int(10 / step)):
+        away = 500 - speed * turn * step
+        there = [(200.0, 50.0), *([(away, 0.0)] if away > 30 else [])]
+        scenes.append((10 + turn * step, there))
+    finding = found(beside(scenes), minTimeToCollision=3)
+    assert finding.outcome == "invalid", finding.message
+    assert 0.4 < finding.figure < 0.45
+
+
 @pytest.mark.parametrize("each", [1, 2, 3], ids=["kept", "turned round", "now and then"])
 def test_in_whatever_order_they_are_listed_the_soonest_collision_is_found(each: int) -> None:
     """One comes from ahead at 8 m/s to 12 m, and one alike from behind."""

@@ -147,10 +147,11 @@ def delayed(
 def test_a_truth_that_is_stamped_a_while_before_it_comes_is_there_all_the_time(
     metric: str, recording: bool
 ) -> None:
-    for late in (0.0, 0.35):
+    for late, least in ((0.0, 0.99), (0.3, 0.99), (0.35, 0.98)):
         finding = found(delayed(recording, late=late), metric=metric, recording=recording)
         assert finding.outcome == "passed", finding
-        assert finding.coverage == pytest.approx(1, abs=0.01)
+        assert finding.coverage is not None
+        assert finding.coverage > least
 
 
 @pytest.mark.parametrize("recording", [False, True])
@@ -163,6 +164,27 @@ def test_a_truth_that_ends_or_whose_stamps_are_too_slow_is_not_there_for_it(
 ) -> None:
     finding = found(delayed(recording, **given), metric=metric, recording=recording)
     assert finding.outcome == "invalid", finding
+
+
+@pytest.mark.parametrize("metric", METRICS)
+def test_a_truth_that_ends_with_its_answers_is_not_there_behind_it_however_late_it_comes(
+    metric: str,
+) -> None:
+    def both(begin: int, end: int, late: float) -> Finding:
+        stamps = [10 + n / 10 for n in range(begin, end)]
+        given = [(topic, at + late, stamped(at, 0.0, 0.0))
+                 for topic in ("/pose", "/truth") for at in stamps]  # fmt: skip
+        return found(evidence(given), metric=metric)
+
+    for late in (1.2, 5.0):
+        finding = both(0, 50, late)
+        assert (finding.outcome, finding.coverage) == ("invalid", pytest.approx(0.5, abs=0.01))
+    for begin, covered in ((-8, 0.58), (-20, 0.6)):
+        finding = both(begin, 50, 1.2)
+        assert (finding.outcome, finding.coverage) == ("invalid", pytest.approx(covered, abs=0.021))
+    # Nor does it begin later for that.
+    finding = both(6, 91, 1.2)
+    assert (finding.outcome, finding.coverage) == ("passed", pytest.approx(0.92, abs=0.011))
 
 
 @pytest.mark.parametrize("recording", [False, True])

@@ -76,6 +76,18 @@ def test_messages_speak_for_all_but_the_longest_silence(
     assert spread(seconds(*times), window(), 0.0, usual * SECOND) == pytest.approx(share, rel=1e-9)
 
 
+@pytest.mark.parametrize("apart", [0.0, 0.02, 0.049])
+def test_of_messages_that_come_together_the_step_to_the_first_is_usual(apart: float) -> None:
+    def pairs(*times: float) -> float:
+        return spread(seconds(*(at + more for at in times for more in (0, apart))), window(), 0.0)
+
+    assert pairs(*range(10)) == pytest.approx(1.0, abs=0.0101)
+    assert pairs(0, 1, 2, 3) == pytest.approx(0.4, abs=0.0101)
+    # Of three such pairs no step is usual: whoever answers two of ten has not a step of 5 s.
+    assert pairs(0, 5) == pytest.approx(0.5, abs=0.0101)
+    assert pairs(0, 1, 2) == pytest.approx(0.2, abs=0.0101)
+
+
 def test_without_a_usual_time_every_nanosecond_of_silence_counts() -> None:
     assert spread(seconds(0), window(), 0.0) == pytest.approx(A_BIT, rel=1e-9)
     assert spread(seconds(*range(10)), window(), 0.0) == 1.0

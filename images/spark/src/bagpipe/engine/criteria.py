@@ -43,7 +43,7 @@ def judged_by_criteria(
         values=case.conditions.values,
         lead_in_start=case.window.lead_in_start,
         paced=spec.playback.mode != "max",
-        rate=spec.playback.rate,
+        rate=spec.playback.rate if spec.playback.mode == "realtime" else 1.0,
         inputs=attempt.source.input_times(case, storage),
     )
     findings = evaluate(spec.evaluate, evidence, unread=(StorageError,))

@@ -238,7 +238,7 @@ class Evidence:
     def inputs_until(self) -> int:
         """To the window's end, or one usual step behind the last input."""
         times = self._input_times
-        return min(self.end, times[-1] + math.ceil(_usual_step(times))) if times else self.end
+        return min(self.end, times[-1] + math.ceil(_usual(times))) if times else self.end
 
     @cached_property
     def _input_stretches(self) -> list[tuple[int, int]]:
@@ -247,7 +247,7 @@ class Evidence:
         times = self._input_times
         if not times:
             return whole
-        most = max(_LEAST_GAP, _GAP_STEPS * _usual_step(times))
+        most = max(_LEAST_GAP, _GAP_STEPS * _usual(times))
         steps = itertools.pairwise(times)
         cuts = [at + 1 for at, (before, after) in enumerate(steps) if after - before > most]
         edges = itertools.pairwise([0, *cuts, len(times)])
@@ -267,11 +267,16 @@ class Evidence:
         return (self.end - self.start) / 1e9
 
 
-def _usual_step(times: list[int]) -> float:
-    """The median, in ns; of inputs that come together only the step to the first of them counts."""
+def _usual(times: list[int]) -> float:
+    steps = steps_of(times)
+    return statistics.median(steps) if steps else 0
+
+
+def steps_of(times: list[int]) -> list[int]:
+    """Between ascending times, in ns; of those that come together only the one to the first."""
     steps, first = [], times[0]
     for before, after in itertools.pairwise(times):
         if after - first >= _TOGETHER:
             steps.append(after - before)
             first = after
-    return statistics.median(steps) if steps else 0
+    return steps

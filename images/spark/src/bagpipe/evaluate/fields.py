@@ -62,9 +62,9 @@ def names_in(path: str) -> list[str]:
 
 
 def single(number: float) -> float:
-    """What a field of 32 bits has for a number; that itself where it has none."""
+    """What a field of 32 bits has for a number; that itself where it has none but 0."""
     try:
-        return float(_SINGLE.unpack(_SINGLE.pack(number))[0])
+        return float(_SINGLE.unpack(_SINGLE.pack(number))[0]) or number
     except OverflowError:
         return number
 

@@ -16,6 +16,7 @@ from bagpipe.evaluate.window import (
     frames_differ,
     is_empty,
     messages_of,
+    most_behind,
     samples,
     unstamped,
 )
@@ -152,7 +153,9 @@ def _there(
     # do answers to it, while others go on without a truth.
     step = usual_step(times, duration_nanoseconds(wanted.stamp_tolerance))
     behind = min(each.time - at for each, at in zip(truth, times, strict=True))
-    shift = max(0, min(behind, evidence.end - max(last, times[-1]) - step))
+    # One that is in the window from its first stamp on is stamped no while before.
+    most = min(most_behind(evidence), evidence.start - times[0])
+    shift = max(0, min(behind, most, evidence.end - max(last, times[-1]) - step))
     return [at + shift for at in times]
 
 

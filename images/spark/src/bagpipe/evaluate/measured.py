@@ -59,8 +59,8 @@ def earlier_mark_of(criterion: Criterion, unit: str, mode: str, rate: float) -> 
     if criterion.latency is not None:
         pace = f"{rate:g}" if mode == "realtime" else mode
     elif criterion.resources is not None and unit == _CPU:
-        # Per second on the wall, in which more or less is played; lock-step is not known here.
-        pace = mode if mode == "max" else f"{rate:g}"
+        # Per second on the wall, in which more or less is played; lock-step has no rate.
+        pace = {"max": mode, "realtime": f"{rate:g}"}.get(mode, _REAL_TIME)
     elif _of_worst_gap(criterion) and mode == "max":
         pace = mode
     return _mark(criterion, unit, pace)

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from bagpipe.evaluate.evidence import Evidence, Received, Sample
+from bagpipe.evaluate.evidence import Evidence, Received, Sample, steps_of
 from bagpipe.evaluate.finding import Clock, NoEvidenceError
 
 _SECOND = 1_000_000_000
@@ -139,7 +139,7 @@ def _behind(received: list[Received], evidence: Evidence) -> int:
     # A step that is hardly ever longer: of messages in bursts the median is none between them.
     step = steps[len(steps) * 9 // 10]
     # Whose answers end sooner has lost some, or answers no more.
-    most = min(_MOST_BEHIND, (evidence.end - evidence.start) // 10)
+    most = most_behind(evidence)
     least = evidence.start - most - step - ROUNDING
     if not any(least <= each < evidence.start for each in came):
         return 0  # which nothing that was recorded depends on
@@ -148,6 +148,11 @@ def _behind(received: list[Received], evidence: Evidence) -> int:
     alive = max(came[each] for each in inside) >= evidence.inputs_until - 2 * step
     # Half a step, as steps are not all alike: the one before is a whole step away.
     return short + step // 2 if 0 < short <= most and alive else 0
+
+
+def most_behind(evidence: Evidence) -> int:
+    """How long before it is recorded a message may be stamped, in ns."""
+    return min(_MOST_BEHIND, (evidence.end - evidence.start) // 10)
 
 
 def samples(found: TopicMessages, evidence: Evidence) -> list[Sample]:
@@ -329,8 +334,8 @@ def spread(times: Iterable[int], evidence: Evidence, least: float, usual: float 
         return 0.0
     length = evidence.end - evidence.start
     between = list(itertools.pairwise(inside))
-    if len(between) >= _LEAST_STEPS:
-        usual = max(usual, statistics.median(after - before for before, after in between))
+    if len(steps := steps_of(inside)) >= _LEAST_STEPS:
+        usual = max(usual, statistics.median(steps))
     silences = [(evidence.start, inside[0]), *between, (inside[-1], evidence.end)]
     longest = max(after - before for before, after in silences)
     if 1.0 - (longest - usual) / length >= least:
