@@ -234,6 +234,35 @@ def test_a_topic_without_stamps_has_none_whenever_the_case_begins(base: float) -
     assert found(unpaced, KEEPS_AWAY).outcome == "invalid"
 
 
+@pytest.mark.parametrize("paced", [True, False])
+def test_second_zero_is_a_time_where_only_the_rest_is_answered_late(paced: bool) -> None:
+    """Two lanes for each input, of which those for the first one alone come before the end."""
+    lanes = [
+        ("/pose", 4.95 if at == 10 else 5.1, stamped(at - 10, at, y))
+        for at in INPUTS
+        for y in (0.0, 0.1)
+    ]
+    truth = [("/truth", at - 10, stamped(at - 10, at, 0.0)) for at in INPUTS]
+    given = evidence(lanes, truth, start=0.0, end=5.0, paced=paced)
+    for measure in (ERROR, BOUNDS, HOLDS):
+        finding = found(given, measure)
+        assert (finding.outcome, finding.clock) == ("passed", "header")
+    gaps = found(given, {"rate": {"topic": "/pose", "min": 9.5, "over": "worst"}})
+    assert gaps.outcome == ("failed" if paced else "passed")
+
+
+@pytest.mark.parametrize("lead", [None, 0])
+def test_a_stamp_of_no_input_of_the_window_gives_no_times_to_a_topic_without(lead: Any) -> None:
+    """As at a node's shutdown, in a simulation that begins with second 0."""
+    start = 0.0 if lead is None else 2.0
+    empty = [("/pose", start + at - 10, stamped(0.0, at, 0.0)) for at in INPUTS]
+    last = ("/pose", start + 5.4, stamped(start + 5.3, 999.0, 0.0))
+    given = evidence([*empty, last], start=start, end=start + 5, lead_in_start=lead)
+    for measure in (RATE, PRESENCE, BOUNDS, HOLDS):
+        finding = found(given, measure)
+        assert (finding.outcome, finding.clock) == ("passed", "receipt")
+
+
 def test_answers_out_of_order_with_right_stamps_are_right() -> None:
     late = [answer(at, late=0.35 if n % 2 else 0.05) for n, at in enumerate(INPUTS)]
     for measure in (RATE, PRESENCE, ERROR, {"latency": {"topic": "/pose", "max": "400ms"}}):

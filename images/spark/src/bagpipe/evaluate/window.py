@@ -68,9 +68,10 @@ def messages_of(topic: str, evidence: Evidence, ahead: int = ROUNDING) -> TopicM
     after = [each for each in received if each.time >= evidence.end]
     # A message from after the end, as of a node's shutdown, takes their clock from none before it.
     deciding = came or after
-    fault = stamp_fault(topic, deciding, evidence, ahead)
+    none = unstamped(came + _stamped_before(evidence.end, after))
+    fault = stamp_fault(topic, deciding, evidence, ahead, none=none)
     unknown = fault or not deciding or any(each.stamp is None for each in deciding)
-    stamps = dict(zip(map(id, received), stamps_of(received, evidence, ahead), strict=True))
+    stamps = {id(each): stamp_of(each, evidence, ahead, none=none) for each in received}
     behind = _behind(received, evidence)
     # Without a lead-in there is nothing else that an older stamp could belong to.
     before = behind + ROUNDING if evidence.led_in else _LONGEST_BEFORE
@@ -100,6 +101,13 @@ def _doubtful(early: list[Received], answers: list[Received], start: int) -> boo
     step = statistics.median(after - before for before, after in itertools.pairwise(stamps))
     near = start - (last.stamp or 0) < min(step, _MOST_BEHIND)
     return near and all(last.time <= each.time for each in answers)
+
+
+def _stamped_before(end: int, after: list[Received]) -> list[Received]:
+    """Of what came after the end, what may answer the window: it shows that 0 is a time of a topic
+    of which only the first answers came before.
+    """
+    return [each for each in after if each.stamp is not None and each.stamp < end]
 
 
 def _within(stamp: int | None, begin: int, end: int) -> bool:
@@ -186,13 +194,19 @@ def _elsewhere(found: TopicMessages) -> str:
 
 
 def stamp_fault(
-    topic: str, received: Sequence[Received], evidence: Evidence, ahead: int = ROUNDING
+    topic: str,
+    received: Sequence[Received],
+    evidence: Evidence,
+    ahead: int = ROUNDING,
+    *,
+    none: bool = False,
 ) -> str:
-    """A sentence where stamps can't be times of this recording; else nothing."""
+    """A sentence where stamps can't be times of this recording; else nothing. With `none` 0 is no
+    time, whenever the recording begins.
+    """
     begin = begin_of(evidence)
     stamped = [(each.time, each.stamp) for each in received if each.stamp is not None]
-    none = unstamped(received)
-    empty = sum(1 for _, stamp in stamped if none or is_empty(stamp, begin))
+    empty = sum(1 for _, stamp in stamped if is_empty(stamp, begin) or (none and stamp == 0))
     if empty:
         return f"{empty} messages on {topic} have an empty header.stamp"
     odd = [each for each in stamped if not credible(*each, begin, ahead)]
@@ -219,15 +233,16 @@ def stamps_of(
     messages: Sequence[Received | Sample], evidence: Evidence, ahead: int = ROUNDING
 ) -> list[int | None]:
     """The stamps of a topic's messages where they can be true, else None."""
-    if unstamped(messages):
-        return [None] * len(messages)
-    return [stamp_of(each, evidence, ahead) for each in messages]
+    none = unstamped(messages)
+    return [stamp_of(each, evidence, ahead, none=none) for each in messages]
 
 
-def stamp_of(each: Received | Sample, evidence: Evidence, ahead: int = ROUNDING) -> int | None:
-    """A message's stamp where it can be true, else None; of a topic that has stamps."""
+def stamp_of(
+    each: Received | Sample, evidence: Evidence, ahead: int = ROUNDING, *, none: bool = False
+) -> int | None:
+    """A message's stamp where it can be true, else None; with `none` 0 is no time."""
     begin = begin_of(evidence)
-    if each.stamp is None or is_empty(each.stamp, begin):
+    if each.stamp is None or is_empty(each.stamp, begin) or (none and each.stamp == 0):
         return None
     return each.stamp if credible(each.time, each.stamp, begin, ahead) else None
 
