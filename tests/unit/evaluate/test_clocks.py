@@ -472,3 +472,17 @@ def test_what_a_timer_publishes_on_after_the_end_saves_no_rate_and_fails_nothing
     given = case([*(answer(at) for at in inputs), *drifts])
     assert {found(given, wanted).outcome for wanted in (RATE, PRESENCE)} == {"failed"}
     assert {found(given, each).outcome for each in (BOUNDS, HOLDS, GOAL, LATENCY)} == {"passed"}
+
+
+def test_what_a_timer_publishes_on_with_a_keyframe_s_stamp_exceeds_no_greatest_number() -> None:
+    """At 10 Hz until 18 s, with the stamp of its last input, of which one comes every 3 s."""
+    ticks = [10.01 + n / 10 for n in range(80)]
+    given = case([
+        ("/pose", at, stamped(13.0 if at >= 13 else 10.0, 999.0 if at > 15 else at, at))
+        for at in ticks
+    ])  # fmt: skip
+    rate = {"rate": {"topic": "/pose", "min": 8, "max": 11, "minCoverage": 0.3}}
+    for measure, figure in (({"presence": {"topic": "/pose", "max": 55}}, 50.0), (rate, 10.0)):
+        finding = found(given, measure)
+        assert (finding.outcome, finding.figure) == ("passed", figure)
+    assert found(given, less(BOUNDS, 0.3)).outcome == "passed"

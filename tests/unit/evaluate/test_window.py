@@ -277,6 +277,56 @@ def test_as_many_messages_answer_a_stamp_after_the_end_as_another_one(early: int
     assert (len(found.inside), len(found.late), len(found.others)) == (1, 0, 2)
 
 
+def held(step: float, keyframes: float, until: float, ahead: float = 0.0) -> list[Any]:
+    """What a timer publishes from 100 s on, with the stamp of the last keyframe before 110 s."""
+    ticks = [n * step for n in range(round((until - 100) / step))]
+    stamps = [min(at + ahead, 9.99) // keyframes * keyframes for at in ticks]
+    return [
+        ("/t", 100.004 + at, stamped(100 + stamp, at, 0))
+        for at, stamp in zip(ticks, stamps, strict=True)
+    ]
+
+
+@pytest.mark.parametrize("until", [110.1, 110.4, 113.0, 130.0])
+@pytest.mark.parametrize(
+    ("step", "keyframes", "ahead"), [(0.1, 3, 0), (0.1, 4, 2.9), (0.1, 0.2, 0), (0.2, 0.5, 0)]
+)
+def test_no_tick_of_a_timer_after_the_end_answers_the_stamp_that_it_holds(
+    step: float, keyframes: float, ahead: float, until: float
+) -> None:
+    given = evidence(held(step, keyframes, until, ahead), start=100.0, end=110.0)
+    found = messages_of("/t", given)
+    assert (len(found.inside), len(found.late)) == (round(10 / step), 0)
+
+
+@pytest.mark.parametrize("apart", [0.0, 0.02, 0.25])
+@pytest.mark.parametrize("late", [0.03, 0.95, 1.0, 10.0])
+def test_what_answers_one_stamp_in_a_burst_or_beside_others_is_of_the_window(
+    apart: float, late: float
+) -> None:
+    """Two lanes for each input at 10 Hz, by one node or by two of which one takes longer."""
+    lanes = [
+        ("/t", at + late + n * apart, stamped(at, n, 0))
+        for at in (100 + n / 10 for n in range(100))
+        for n in (0, 1)
+    ]
+    found = messages_of("/t", evidence(lanes, start=100.0, end=110.0))
+    assert (len(found.answers), len(found.others)) == (200, 0)
+
+
+@pytest.mark.parametrize(("paced", "answers"), [(True, 199), (False, 200)])
+def test_of_lanes_that_may_be_a_timer_s_only_those_to_the_last_input_are_in_doubt(
+    paced: bool, answers: int
+) -> None:
+    lanes = [
+        ("/t", at + 10.0 + n * 0.06, stamped(at, n, 0))
+        for at in (100 + n / 10 for n in range(100))
+        for n in (0, 1)
+    ]
+    found = messages_of("/t", evidence(lanes, start=100.0, end=110.0, paced=paced))
+    assert (len(found.late), len(found.others)) == (answers, 200 - answers)
+
+
 def test_what_answers_the_lead_in_is_nobody_s_unless_there_was_none() -> None:
     entries = [(109.0, 108.5), (111.0, 99.0), (112.0, 100.0)]
     assert split(*entries, lead_in_start=95 * SECOND) == ([109], [112], [111])

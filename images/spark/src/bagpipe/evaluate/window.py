@@ -24,6 +24,8 @@ _LONGEST_BEFORE = 60 * _SECOND
 _LEAST_STEPS = 3
 # Of a sensor, or of what takes several of its messages together, from its stamp to its recording.
 _MOST_BEHIND = _SECOND
+# Of a stamp's time a timer with two ticks fills a half, and hardly less as it is not exact.
+_LEAST_HELD = 0.45
 _DAY = 86_400 * _SECOND
 
 
@@ -82,7 +84,8 @@ def messages_of(topic: str, evidence: Evidence, ahead: int = ROUNDING) -> TopicM
         stamp = stamps[id(each)]
         (inside if stamp is None or stamp >= begin else early).append(each)
     known = [each for each in inside if stamps[id(each)] is not None]
-    late = _late(known, [each for each in after if _within(stamps[id(each)], begin, evidence.end)])
+    late = [each for each in after if _within(stamps[id(each)], begin, evidence.end)]
+    late = _late(known, late, evidence.paced)
     answering = {id(each) for each in late}
     others = [each for each in after if id(each) not in answering]
     clock: Clock = "receipt" if unknown else "header"
@@ -114,7 +117,7 @@ def _within(stamp: int | None, begin: int, end: int) -> bool:
     return stamp is not None and begin <= stamp < end
 
 
-def _late(inside: list[Received], after: list[Received]) -> list[Received]:
+def _late(inside: list[Received], after: list[Received], paced: bool) -> list[Received]:
     """Of what came after the end with a stamp of the window, what answers it: as many different
     messages to a stamp as another stamp has. What is published on and on has one stamp.
     """
@@ -127,12 +130,27 @@ def _late(inside: list[Received], after: list[Received]) -> list[Received]:
         identity = each.identity if together[each.stamp] > 1 else each.stamp
         by_stamp[each.stamp].setdefault(identity, each)
     fewer, most = sorted([1, 1, *map(len, by_stamp.values())])[-2:]
-    own = {
-        id(each)
-        for found in by_stamp.values()
-        for each in itertools.islice(found.values(), fewer if len(found) == most else most)
-    }
+    held = _held(by_stamp) if paced else None
+    own: set[int] = set()
+    for stamp, found in by_stamp.items():
+        count = fewer if len(found) == most else most
+        own.update(map(id, itertools.islice(found.values(), 1 if stamp == held else count)))
     return [each for each in after if id(each) in own]
+
+
+def _held(by_stamp: dict[int | None, dict[object, Received]]) -> int | None:
+    """The last stamp, where the messages with one stamp fill the time until the next one, and no
+    more, as a timer's do: what comes on with it answers nothing. Several answers to one input come
+    together, or beside those to others.
+    """
+    stamps = sorted(stamp for stamp in by_stamp if stamp is not None)
+    whole = [[each.time for each in by_stamp[stamp].values()] for stamp in stamps[:-1]]
+    filled = [max(times) - min(times) for times in whole if len(times) > 1]
+    if not filled:
+        return None
+    step = statistics.median(after - before for before, after in itertools.pairwise(stamps))
+    holds = _LEAST_HELD * step <= statistics.median_high(filled) <= step
+    return stamps[-1] if holds else None
 
 
 def _behind(received: list[Received], evidence: Evidence) -> int:
