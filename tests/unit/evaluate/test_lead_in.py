@@ -177,6 +177,48 @@ def test_a_slow_stack_that_dies_before_the_last_input_comes_has_no_such_sensor()
     assert (finding.outcome, finding.figure) == ("failed", 91.0)
 
 
+@pytest.mark.parametrize(
+    ("hertz", "until"),
+    [(1, 16.0), (1, 19.5), (1, 19.65), (1, 19.75), (100, 16.0), (100, 19.5), (100, 19.65)],
+)
+def test_of_a_sensor_that_is_recorded_late_and_stops_before_others_no_count_fails(
+    hertz: int, until: float
+) -> None:
+    """It is recorded 0.3 s late, and another one goes on at so many hertz."""
+    camera = [10 + n / 10 for n in range(100) if 10 + n / 10 < until]
+    other = [10.9 + n / hertz for n in range(9 * hertz + 1)]
+    inputs = sorted(round(at * SECOND) for at in camera + other)
+    entries = [answer(at - 0.3, 0.35) for at in camera]
+    least = len(camera)
+    for kind, exact, more in (
+        ("presence", least, least + 1),
+        ("rate", least / 10, least / 10 + 0.1),
+    ):
+        finding = found(kind, {"topic": "/p", "min": exact}, entries, inputs=lambda: inputs)
+        assert finding.outcome == "invalid"
+        assert "3 more are stamped shortly before the window" in finding.message
+        assert "may answer its first inputs: demand 3 less" in finding.message
+        # Those that came after an answer to a later input answer no first ones.
+        late = [answer(at - 0.3, 0.8 if at < 10.25 else 0.35) for at in camera]
+        wanted = {"topic": "/p", "min": exact}
+        assert found(kind, wanted, late, inputs=lambda: inputs).outcome == "failed"
+        # Who has fewer than those may be fails.
+        wanted = {"topic": "/p", "min": more}
+        assert found(kind, wanted, entries, inputs=lambda: inputs).outcome == "failed"
+    less = {"topic": "/p", "min": least - 3}
+    assert found("presence", less, entries, inputs=lambda: inputs).outcome == "passed"
+
+
+@pytest.mark.parametrize("together", [1, 2])
+def test_who_dies_while_inputs_go_on_as_before_has_no_sensor_that_stops(together: int) -> None:
+    """After 0.5 s each, until 19.53 s, with inputs of one camera or of two."""
+    inputs = [round((10 + n / 10) * SECOND) + more for n in range(100) for more in range(together)]
+    slow = [answer(8 + n / 10, late=0.53) for n in range(15, 111)]
+    wanted = {"topic": "/p", "min": 92}
+    finding = found("presence", wanted, slow, inputs=lambda: inputs)
+    assert (finding.outcome, finding.figure) == ("failed", 91.0)
+
+
 @pytest.mark.parametrize("step", [0.1, 0.7, 3.3])
 def test_where_one_answer_may_be_of_the_first_input_its_lack_is_no_failure(step: float) -> None:
     """A sensor that is recorded 50 ms late; the window is no multiple of its step."""

@@ -40,7 +40,7 @@ def presence(name: str, wanted: Presence, evidence: Evidence) -> Finding:
         None if wanted.max is None or len(found.answers) <= wanted.max else float(wanted.max),
         f"on {wanted.topic}{_repeated(least, own)}{_of_lead_in(found)}",
     )
-    if len(own) < wanted.min <= len(own) + 1:
+    if len(own) < wanted.min <= len(own) + found.doubtful:
         finding = _in_doubt(finding, found)
     late = len(least) - len(found.answers)
     share = 1.0 if not least else len(found.answers) / len(least)
@@ -105,7 +105,7 @@ def rate(name: str, wanted: Rate, evidence: Evidence) -> Finding:
     )
     if moments is not None:
         return _covering_gaps(finding, moments, found, evidence, wanted.min_coverage)
-    if figure < (wanted.min or 0) <= _hertz(len(own) + 1, evidence):
+    if figure < (wanted.min or 0) <= _hertz(len(own) + found.doubtful, evidence):
         finding = _in_doubt(finding, found)
     usual = (evidence.end - evidence.start) / max(1, len(own))
     share, covered = coming_over(found, evidence, wanted.min_coverage, usual)
@@ -115,14 +115,19 @@ def rate(name: str, wanted: Rate, evidence: Evidence) -> Finding:
 
 
 def _in_doubt(finding: Finding, found: TopicMessages) -> Finding:
-    """That of a topic which lacks one message, and has one that may be of the lead-in or not."""
-    if not found.doubtful or finding.outcome != "failed":
+    """That of a topic which lacks no more messages than may be of the lead-in or not."""
+    if finding.outcome != "failed":
         return finding
-    message = (
+    doubt = (
         "one more is stamped less than a step before the window, and may answer its first input:"
-        f" demand one less; {finding.message}"
+        " demand one less"
     )
-    return replace(finding, outcome="invalid", message=message)
+    if found.doubtful > 1:
+        doubt = (
+            f"{found.doubtful} more are stamped shortly before the window, and may answer its first"
+            f" inputs: demand {found.doubtful} less"
+        )
+    return replace(finding, outcome="invalid", message=f"{doubt}; {finding.message}")
 
 
 def _hertz(count: int, evidence: Evidence) -> float:

@@ -3,6 +3,7 @@
 window.py decides which of them belong to the case's window.
 """
 
+import bisect
 import itertools
 import math
 import statistics
@@ -239,6 +240,19 @@ class Evidence:
         """To the window's end, or one usual step behind the last input."""
         times = self._input_times
         return min(self.end, times[-1] + math.ceil(_usual(times))) if times else self.end
+
+    def inputs_thin_out(self, time: int) -> bool:
+        """Whether fewer inputs came from a time on than in hardly any time before that was as long:
+        one of several sensors may have stopped.
+        """
+        times, span = self._input_times, self.inputs_until - time
+        before = bisect.bisect_left(times, time)
+        usual = sorted(
+            bisect.bisect_right(times, each + span) - at - 1
+            for at, each in enumerate(times[:before])
+            if each + span <= time
+        )
+        return bool(usual) and len(times) - before < usual[len(usual) // 10]
 
     @cached_property
     def _input_stretches(self) -> list[tuple[int, int]]:

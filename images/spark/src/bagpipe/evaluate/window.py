@@ -46,8 +46,8 @@ class TopicMessages:
     early: list[Received] = field(default_factory=list)
     # How many ns the stamps are before the times at which the inputs were recorded.
     behind: int = 0
-    # Whether the last of `early` may answer the window's first input.
-    doubtful: bool = False
+    # How many of the last of `early` may answer the window's first inputs.
+    doubtful: int = 0
 
     @property
     def answers(self) -> list[Received]:
@@ -74,7 +74,7 @@ def messages_of(topic: str, evidence: Evidence, ahead: int = ROUNDING) -> TopicM
     fault = stamp_fault(topic, deciding, evidence, ahead, none=none)
     unknown = fault or not deciding or any(each.stamp is None for each in deciding)
     stamps = {id(each): stamp_of(each, evidence, ahead, none=none) for each in received}
-    behind = _behind(received, evidence)
+    behind, perhaps = _behind(received, evidence)
     # Without a lead-in there is nothing else that an older stamp could belong to.
     before = behind + ROUNDING if evidence.led_in else _LONGEST_BEFORE
     begin = evidence.start - before
@@ -89,21 +89,27 @@ def messages_of(topic: str, evidence: Evidence, ahead: int = ROUNDING) -> TopicM
     answering = {id(each) for each in late}
     others = [each for each in after if id(each) not in answering]
     clock: Clock = "receipt" if unknown else "header"
-    doubtful = _doubtful(early, known + late, evidence.start)
+    doubtful = _doubtful(early, known + late, evidence.start, perhaps)
     return TopicMessages(topic, inside, late, others, clock, fault, early, behind, doubtful)
 
 
-def _doubtful(early: list[Received], answers: list[Received], start: int) -> bool:
-    """Whether the last one of the lead-in may answer the window's first input: its sensor may have
-    stamped that less than a step before the window, and nothing shows how late it is recorded.
+def _doubtful(early: list[Received], answers: list[Received], start: int, perhaps: int) -> int:
+    """How many of the lead-in may answer the window's first inputs: what is stamped no more before
+    the window than the stamps may be behind. Where nothing shows how late a sensor is recorded, the
+    last one may: that sensor may have stamped its first input less than a step before the window.
     """
     stamps = sorted({each.stamp or 0 for each in early + answers})
-    if not early or len(stamps) < 2:
-        return False
+    steps = [after - before for before, after in itertools.pairwise(stamps)]
+    if not early or not steps:
+        return 0
     last = max(early, key=lambda each: each.stamp or 0)
-    step = statistics.median(after - before for before, after in itertools.pairwise(stamps))
-    near = start - (last.stamp or 0) < min(step, _MOST_BEHIND)
-    return near and all(last.time <= each.time for each in answers)
+    step = min(statistics.median(steps), _MOST_BEHIND)
+    near = [each for each in early if start - (each.stamp or 0) <= perhaps]
+    if not near and start - (last.stamp or 0) < step:
+        near = [last]
+    # What came after an answer to a later input answers none of the first ones.
+    first = min((each.time for each in answers), default=math.inf)
+    return len({each.identity for each in near if each.time <= first})
 
 
 def _stamped_before(end: int, after: list[Received]) -> list[Received]:
@@ -153,27 +159,32 @@ def _held(by_stamp: dict[int | None, dict[object, Received]]) -> int | None:
     return stamps[-1] if holds else None
 
 
-def _behind(received: list[Received], evidence: Evidence) -> int:
+def _behind(received: list[Received], evidence: Evidence) -> tuple[int, int]:
     """A sensor's message may be stamped a while before it was recorded, and so its answer is. It is
-    by how much the stamps end before the inputs do.
+    by how much the stamps end before the inputs do: as far as that is shown, and as it may be.
     """
     came = {each.stamp: each.time for each in received if each.stamp is not None}
     inside = sorted(each for each in came if evidence.start <= each < evidence.end)
     steps = sorted(after - before for before, after in itertools.pairwise(inside))
     if len(steps) < _LEAST_STEPS:
-        return 0
+        return 0, 0
     # A step that is hardly ever longer: of messages in bursts the median is none between them.
     step = steps[len(steps) * 9 // 10]
     # Whose answers end sooner has lost some, or answers no more.
     most = most_behind(evidence)
     least = evidence.start - most - step - ROUNDING
     if not any(least <= each < evidence.start for each in came):
-        return 0  # which nothing that was recorded depends on
+        return 0, 0  # which nothing that was recorded depends on
     short = evidence.inputs_until - inside[-1] - step
-    # Nor does what died before the last input came.
-    alive = max(came[each] for each in inside) >= evidence.inputs_until - 2 * step
+    if short <= 0:
+        return 0, 0
     # Half a step, as steps are not all alike: the one before is a whole step away.
-    return short + step // 2 if 0 < short <= most and alive else 0
+    behind = min(short, most) + step // 2
+    last = max(came[each] for each in inside)
+    # What died before the last input came shows nothing, unless its sensor may have stopped.
+    if short <= most and last >= evidence.inputs_until - 2 * step:
+        return behind, behind
+    return 0, behind if evidence.inputs_thin_out(last) else 0
 
 
 def most_behind(evidence: Evidence) -> int:
