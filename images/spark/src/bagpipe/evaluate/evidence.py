@@ -235,7 +235,7 @@ class Evidence:
         known = [] if self.inputs is None else self.inputs()
         return [each for each in known if self.start <= each < self.end]
 
-    @property
+    @cached_property
     def inputs_until(self) -> int:
         """To the window's end, or one usual step behind the last input."""
         times = self._input_times

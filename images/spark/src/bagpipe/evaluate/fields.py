@@ -58,7 +58,7 @@ def _parts(path: str) -> tuple[tuple[str, str | None], ...]:
 
 def names_in(path: str) -> list[str]:
     """The fields that a path goes through."""
-    return [part.partition("[")[0] for part in path.split(".")]
+    return [name for name, _ in _parts(path)]
 
 
 def single(number: float) -> float:

@@ -107,8 +107,10 @@ def _least_time(
         )
         for left, at in filter(None, (least, _soonest(sure, wanted)))
     ]
-    if found[0].outcome == "passed" or (len(found) > 1 and found[1].outcome == "failed"):
-        return found[0] if found[0].outcome == "passed" else found[1]
+    if found[0].outcome == "passed":
+        return found[0]
+    if found[-1].outcome == "failed" and len(found) > 1:
+        return found[-1]
     message = (
         "which obstacle of one message is which of the next one is not sure, and it may have had"
         f" no such speed: publish them more often; {found[0].message}"
@@ -212,12 +214,14 @@ def _met(wanted: Separation, evidence: Evidence) -> Met:
     near = _between(course, way, scenes, age, evidence.end)
     seen: list[Pair] = [(*each, None) for each in near.seen]
     since = _since(wanted, course, with_ego, age)
+    pairs = _paired(with_ego, since) + seen
+    in_time = wanted.min_time_to_collision is not None
     lost = [(each.begin, each.until) for each in near.unknown if each.metres < _too_near(wanted)]
     return Met(
         course,
         [(time, point) for time, points in scenes for point in points],
-        _paired(with_ego, since) + seen,
-        _paired(with_ego, since, sure=True) + seen,
+        pairs,
+        _paired(with_ego, since, sure=True) + seen if in_time else pairs,
         near.feared,
         _share(course, with_ego, lost, wanted, evidence),
         "header" if ego_messages.clock == obstacle_messages.clock == "header" else "receipt",

@@ -98,9 +98,11 @@ def _doubtful(early: list[Received], answers: list[Received], start: int, perhap
     the window than the stamps may be behind. Where nothing shows how late a sensor is recorded, the
     last one may: that sensor may have stamped its first input less than a step before the window.
     """
+    if not early:
+        return 0
     stamps = sorted({each.stamp or 0 for each in early + answers})
     steps = [after - before for before, after in itertools.pairwise(stamps)]
-    if not early or not steps:
+    if not steps:
         return 0
     last = max(early, key=lambda each: each.stamp or 0)
     step = min(statistics.median(steps), _MOST_BEHIND)

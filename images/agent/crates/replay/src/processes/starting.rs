@@ -46,8 +46,6 @@ impl Starting {
     /// The same, also where somebody has begun to work again since.
     pub(crate) fn rests(&mut self, changed: bool) -> bool {
         let Some(root) = self.root else { return true };
-        self.rests &= !changed;
-        self.rested &= !changed;
         let before = self.last.as_ref().filter(|_| !changed);
         if before.is_some_and(|before| self.born.elapsed() < before.at + QUIET) {
             return self.rests;
@@ -137,7 +135,6 @@ mod tests {
         let seen = |looks: &[(u64, u64, u64, bool)]| -> Vec<bool> {
             let mut starting = Starting::below(Some(7));
             let one = |&(at, ran, waited, changed): &(u64, u64, u64, bool)| {
-                starting.rested &= !changed;
                 starting.see(look(at, ran, waited), changed);
                 starting.rests
             };
