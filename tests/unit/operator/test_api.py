@@ -11,7 +11,7 @@ from aiohttp import web
 from kubernetes.aio.client import ApiClient, Configuration
 from kubernetes.aio.config import ConfigException
 
-from bagpipe_operator import main
+from bagpipe_operator import watchable
 from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import ApiError, get_if_there
 from bagpipe_operator.jobs.kueue.api import KubernetesKueueApi
@@ -228,10 +228,10 @@ MISSING = (404, {"kind": "Status", "reason": "NotFound", "message": "no such res
 
 
 async def test_the_crd_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(main, "WATCHABLE_POLL_SECONDS", 0.01)
+    monkeypatch.setattr(watchable, "WATCHABLE_POLL_SECONDS", 0.01)
     recorder = Recorder(MISSING, MISSING, (200, {"items": []}))
     async with server(recorder.answer) as api:
-        await main.wait_until_watchable(api, Settings(watch_namespaces=("lanes", "maps")))
+        await watchable.wait_until_watchable(api, Settings(watch_namespaces=("lanes", "maps")))
     assert [call[1] for call in recorder.calls] == [
         *[f"{JOBS}/namespaces/lanes/simulationjobs?limit=1"] * 3,
         f"{JOBS}/namespaces/lanes/simulationschedules?limit=1",
@@ -255,26 +255,26 @@ async def test_a_namespace_without_rights_holds_up_no_other(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     """Its administrator has taken the RoleBinding away, or it was deleted."""
-    monkeypatch.setattr(main, "WATCHABLE_SECONDS", 0.05)
-    monkeypatch.setattr(main, "WATCHABLE_POLL_SECONDS", 0.01)
+    monkeypatch.setattr(watchable, "WATCHABLE_SECONDS", 0.05)
+    monkeypatch.setattr(watchable, "WATCHABLE_POLL_SECONDS", 0.01)
     async with server(_without_rights_in_lanes) as api:
         settings = Settings(watch_namespaces=("lanes", "maps"))
-        assert await main.wait_until_watchable(api, settings) == {"lanes"}
+        assert await watchable.wait_until_watchable(api, settings) == {"lanes"}
     assert "namespace lanes can't be watched: 403 Forbidden: no RoleBinding" in caplog.text
 
 
 async def test_without_rights_anywhere_the_operator_ends(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(main, "WATCHABLE_SECONDS", 0.05)
-    monkeypatch.setattr(main, "WATCHABLE_POLL_SECONDS", 0.01)
+    monkeypatch.setattr(watchable, "WATCHABLE_SECONDS", 0.05)
+    monkeypatch.setattr(watchable, "WATCHABLE_POLL_SECONDS", 0.01)
     async with server(Recorder(FORBIDDEN).answer) as api:
         with pytest.raises(ApiError, match="no RoleBinding"):
-            await main.wait_until_watchable(api, Settings(watch_namespaces=("lanes", "maps")))
+            await watchable.wait_until_watchable(api, Settings(watch_namespaces=("lanes", "maps")))
 
 
 async def test_kueue_is_waited_for_where_it_is_wanted() -> None:
     recorder = Recorder((200, {"items": []}))
     async with server(recorder.answer) as api:
-        await main.wait_until_watchable(api, Settings(watch_namespaces=("lanes",), kueue=True))
+        await watchable.wait_until_watchable(api, Settings(watch_namespaces=("lanes",), kueue=True))
     assert [call[1] for call in recorder.calls[3:]] == [
         "/apis/kueue.x-k8s.io/v1beta2/namespaces/lanes/workloads?limit=1"
     ]
@@ -297,11 +297,11 @@ async def test_what_a_tenant_names_is_no_path(name: str) -> None:
 
 
 async def test_the_wait_for_the_crd_has_an_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(main, "WATCHABLE_SECONDS", 0.05)
-    monkeypatch.setattr(main, "WATCHABLE_POLL_SECONDS", 0.01)
+    monkeypatch.setattr(watchable, "WATCHABLE_SECONDS", 0.05)
+    monkeypatch.setattr(watchable, "WATCHABLE_POLL_SECONDS", 0.01)
     async with server(Recorder(MISSING).answer) as api:
         with pytest.raises(ApiError, match="no such resource"):
-            await main.wait_until_watchable(api, Settings())
+            await watchable.wait_until_watchable(api, Settings())
 
 
 async def test_uids_come_by_pages_without_specs() -> None:

@@ -116,15 +116,3 @@ def test_kopf_writes_nothing_and_sees_only_labelled_pods() -> None:
     assert list(settings.watching.label_selectors.values()) == ["sim.bagpipe.io/job-uid"]
     assert settings.networking.request_timeout == 60
     assert settings.queueing.worker_limit is None
-
-
-@pytest.mark.parametrize(
-    ("environment", "expected"),
-    [
-        ({"KUBERNETES_SERVICE_HOST": "10.0.0.1"}, True),
-        ({"KUBERNETES_SERVICE_HOST": "10.0.0.1", "KUBECONFIG": "/k"}, False),
-        ({}, False),
-    ],
-)
-def test_kubeconfig_comes_first(environment: dict[str, str], expected: bool) -> None:
-    assert watch.in_cluster(environment) is expected

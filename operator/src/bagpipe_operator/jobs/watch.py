@@ -6,7 +6,7 @@ events) is switched off.
 """
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import repeat
 from typing import Any
@@ -16,6 +16,7 @@ import kopf
 from bagpipe_operator.api import names
 from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.bounded_session import Answered, bounded_connection
+from bagpipe_operator.cluster.connection import in_cluster
 from bagpipe_operator.cluster.large_objects import PAGE
 from bagpipe_operator.jobs.view import JobView, PodView, View
 from bagpipe_operator.runtime.metrics import Metrics
@@ -118,11 +119,6 @@ def registry(
         watch.pod_event(event)
 
     return handlers
-
-
-def in_cluster(environment: Mapping[str, str]) -> bool:
-    """Whether the pod's own ServiceAccount is to be used; KUBECONFIG always comes first."""
-    return "KUBECONFIG" not in environment and "KUBERNETES_SERVICE_HOST" in environment
 
 
 def apply(settings: kopf.OperatorSettings, namespaces: Sequence[str] = ()) -> None:
