@@ -59,6 +59,7 @@ URIS = (
 TEMPLATES = (
     "{{ x }}", "{{", "{{ x", "{% for i in range(10**9) %}a{% endfor %}", "{{ ''.__class__ }}",
     "{{ threshold }}" * 50, "{{{{ x }}}}", "${HOME}", "%s%n", "{0.__class__}",
+    "{{" + " " * 5_000, "{{ x" + "\t" * 5_000 + "}",
 )  # fmt: skip
 TEXTS = (
     "", " ", "\0", "a\0b", "\n", "\t\r\n", "\u202eabc\u202c", "e" + "\u0301" * 300, "\ufeff",
