@@ -9,6 +9,7 @@ from bagpipe.pod_spec import SPEC_CONFIG
 Cause = Literal[
     "StackCrashed",
     "StackExited",
+    "StackOutOfMemory",
     "NodeGone",
     "NodeRespawned",
     "MessagesLost",
@@ -26,7 +27,7 @@ _SEEN = frozenset({"StackCrashed", "StackExited", "NodeGone", "NodeRespawned", "
 # What leaves a run that can still be judged; after the others there is nothing to judge.
 ALLOWABLE = _SEEN | {"DeliveryUnproved"}
 # A case that ends so was run: the stack failed it.
-FAILURES = _SEEN | {"StackStoppedReading", "NodeInactive"}
+FAILURES = _SEEN | {"StackOutOfMemory", "StackStoppedReading", "NodeInactive"}
 
 
 class FaultRule(BaseModel):

@@ -13,7 +13,9 @@ OUTCOMES = ("passed", "failed", "invalid", "errored")
 # than one that passed.
 _BADNESS = {"failed": 2, "invalid": 1, "passed": 0, "errored": -1}
 # Reasons by which the stack, or a part of it, ended or restarted where it should not have.
-CRASHES = frozenset({"StackCrashed", "StackExited", "NodeGone", "NodeRespawned"})
+CRASHES = frozenset(
+    {"StackCrashed", "StackExited", "StackOutOfMemory", "NodeGone", "NodeRespawned"}
+)
 LOSSES = frozenset({"MessagesLost"})
 # Of a case that had no input: it says nothing of any version.
 NOTHING_PLAYED = "NothingPlayed"

@@ -183,6 +183,7 @@ class Cluster(Place):
             spec=job.spec,
             volumes=job.volumes,
             results=results_uri(job),
+            slots=job.spec.spark.slots,
         )
         try:
             with Looking(partial(pods_of, pod.namespace, self._made_for.uid), self.seen):

@@ -24,6 +24,8 @@ from bagpipe.plan.case import Case
 from bagpipe.plan.made import Unplanned
 from bagpipe.plan.variant import image_of, stack_of
 from bagpipe.run.attempts import Again, next_attempt
+from bagpipe.run.memory_kills import kills_since, memory_kills
+from bagpipe.run.out_of_memory import out_of_memory
 from bagpipe.source.chosen import source_of
 from bagpipe.source.source import Turns
 from bagpipe.spec import SimulationJobSpec, Stack, shared_folder
@@ -68,6 +70,8 @@ class RunContext:
     volumes: dict[str, str]
     results: str
     shared: str = "/bagpipe/shared"
+    # How many cases one agent, and its container, runs at a time; None where there is no container.
+    slots: int | None = None
 
 
 def run_case(case: Case, context: RunContext, starts: int = 1) -> Row:
@@ -192,10 +196,11 @@ def _row(case: Case, ended: Row, discarded: list[Row], starts: int, seconds: flo
 
 def _attempt(case: Case, context: RunContext) -> tuple[Row, bool]:
     """One run, and whether storage may give another answer the next time."""
+    before = memory_kills()
     try:
         return _played(case, context), False
     except SessionError as error:
-        return _ended(error), False
+        return _ended(out_of_memory(error, kills_since(before), context.slots)), False
     except Exception as error:  # a fault of ours costs one case, never the whole job
         may_pass = isinstance(error, StorageError) and error.may_pass
         for kind, reason in _REASONS:
