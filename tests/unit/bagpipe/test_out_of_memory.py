@@ -93,8 +93,9 @@ def test_of_several_cases_in_one_container_it_is_not_known_whose_stack_it_was(
     (before,) = row["discarded"]
     assert before["reason"] == "AgentDied"
     assert before["message"].endswith(
-        "meanwhile the kernel of its node ended 4 processes for lack of memory:"
-        " spark.slots (4) cases share the container, so it is not known whose"
+        "meanwhile the kernel of its node ended 4 processes for lack of memory, spark.slots (4)"
+        " cases share the container, so it is not known whose:"
+        " raise spec.stack.resources.limits.memory"
     )
 
 
@@ -126,9 +127,20 @@ def test_what_the_agent_reports_itself_stays(reason: str) -> None:
 
 
 def test_an_agent_that_comes_back_at_once_may_look_as_if_it_broke_the_protocol() -> None:
-    error = out_of_memory(SessionError("ProtocolError", "no frame", ["boom"]), 1, 1)
+    error = out_of_memory(SessionError("ProtocolError", "no frame", ["boom"]), 2, 1)
     assert (error.reason, error.stderr) == ("StackOutOfMemory", ["boom"])
-    assert "ended a process for lack of memory" in str(error)
+    assert "ended 2 processes for lack of memory" in str(error)
+
+
+@pytest.mark.parametrize("slots", [1, 4])
+def test_a_single_process_that_is_ended_was_the_agent_and_no_stack(slots: int) -> None:
+    """As with cgroup v1: what the agent holds of a recording was more than the stack's part."""
+    error = out_of_memory(SessionError("AgentDied", "it left the pipe"), 1, slots)
+    assert error.reason == "AgentDied"
+    assert str(error) == (
+        "it left the pipe; meanwhile the kernel of its node ended a process for lack of memory, the"
+        " agent's own, or one of another pod: raise spec.stack.resources.limits.memory"
+    )
 
 
 @pytest.mark.parametrize(

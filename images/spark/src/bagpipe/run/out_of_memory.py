@@ -4,6 +4,7 @@ from bagpipe.wire.session import SessionError
 
 # A worker that looks late has its frames read by the agent that comes after the one that was ended.
 _DEATHS = frozenset({"AgentDied", "ProtocolError"})
+_ADVICE = "raise spec.stack.resources.limits.memory"
 
 
 def out_of_memory(error: SessionError, kills: int, slots: int | None) -> SessionError:
@@ -12,17 +13,19 @@ def out_of_memory(error: SessionError, kills: int, slots: int | None) -> Session
 
     The kernel ends all of a container at once (`memory.oom.group`). Where it runs one case alone,
     its stack is the one that took the memory; where it runs several, it is not known which of them.
+    Where it ends single processes, the agent's was the largest.
     """
     if kills == 0 or slots is None or error.reason not in _DEATHS:
         return error
     number = "a process" if kills == 1 else f"{kills} processes"
     seen = f"meanwhile the kernel of its node ended {number} for lack of memory"
-    if slots > 1:
+    if kills > 1 and slots == 1:
+        return SessionError(
+            "StackOutOfMemory",
+            f"the stack's container ended, and {seen}: {_ADVICE}, or look at what the stack keeps",
+            error.stderr,
+        )
+    whose = "the agent's own, or one of another pod"
+    if kills > 1:
         whose = f"spark.slots ({slots}) cases share the container, so it is not known whose"
-        return SessionError(error.reason, f"{error}; {seen}: {whose}", error.stderr)
-    return SessionError(
-        "StackOutOfMemory",
-        f"the stack's container ended, and {seen}: raise spec.stack.resources.limits.memory,"
-        " or look at what the stack keeps",
-        error.stderr,
-    )
+    return SessionError(error.reason, f"{error}; {seen}, {whose}: {_ADVICE}", error.stderr)
