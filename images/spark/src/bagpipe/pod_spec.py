@@ -11,6 +11,7 @@ from typing import Annotated, Literal, Self, TypeVar
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, JsonValue, model_validator
 from pydantic.alias_generators import to_camel
 
+from bagpipe.bounds import MOST_VALUES_OF_AFFINITY, holds_at_most
 from bagpipe.texts import each_once
 
 # Whatever a manifest may write as a quantity: 1, "500m" or 2Gi.
@@ -315,7 +316,7 @@ class PodSettings(SpecModel):
     annotations: dict[str, str] = {}
     node_selector: dict[str, str] = {}
     tolerations: list[Toleration] = []
-    affinity: dict[str, JsonValue] = {}
+    affinity: Annotated[dict[str, JsonValue], holds_at_most(MOST_VALUES_OF_AFFINITY)] = {}
     topology_spread_constraints: list[Spread] = []
     priority_class_name: str = ""
     runtime_class_name: str = ""

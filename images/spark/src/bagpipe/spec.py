@@ -18,6 +18,7 @@ from pydantic import (
     model_validator,
 )
 
+from bagpipe.bounds import MOST_PARAMETERS, MOST_VALUES, has_at_most, holds_at_most
 from bagpipe.engine_fields import DEFAULT_ENGINE, engine_names, load_engines, refusal
 from bagpipe.evaluate.model import RAN, Criterion, of_results, topics_of
 from bagpipe.executor_range import ExecutorRange, Executors, least_of, most_of, wanted
@@ -68,6 +69,11 @@ class PlainVariable(_Model):
     value: str = ""
 
 
+# ROS parameters: any value of JSON.
+_Parameters = Annotated[
+    dict[Name, JsonValue], holds_at_most(MOST_VALUES), has_at_most(MOST_PARAMETERS)
+]
+
 _Variable = TypeVar("_Variable", bound=PlainVariable)
 
 
@@ -106,7 +112,7 @@ class Stack(_Model):
     command: list[str] = Field(min_length=1)
     engine: Annotated[str, AfterValidator(_installed)] = DEFAULT_ENGINE
     env: Annotated[list[EnvironmentVariable], AfterValidator(_variables_once)] = []
-    parameters: dict[Name, JsonValue] = {}
+    parameters: _Parameters = {}
     remap: dict[Name, Name] = {}
     ros1: Ros1 | None = None
     ros2: Ros2 | None = None
@@ -124,7 +130,7 @@ class Variant(_Model):
     image: str = Field(default="", pattern=r"^\S*$")
     command: list[str] = []
     env: Annotated[list[PlainVariable], AfterValidator(_variables_once)] = []
-    parameters: dict[Name, JsonValue] = {}
+    parameters: _Parameters = {}
     remap: dict[Name, Name] = {}
 
 

@@ -81,7 +81,7 @@ def _level(value: Any, number: int) -> list[Any]:
     """The lists and objects of a level; the value itself is on level 1."""
     level = [value] if isinstance(value, dict | list) else []
     for _ in range(number - 1):
-        inner = (each for container in level for _, each in _places(container))
+        inner = (each for container in level if container for _, each in _places(container))
         level = [each for each in inner if isinstance(each, dict | list)]
     return level
 

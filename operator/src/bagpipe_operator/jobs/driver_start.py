@@ -11,13 +11,13 @@ from bagpipe_operator.jobs.driver.lookup import DriverLookup
 from bagpipe_operator.jobs.kueue.queueing import Queueing
 from bagpipe_operator.jobs.pod_removal import PodRemoval
 from bagpipe_operator.jobs.pods.children import create_children
-from bagpipe_operator.jobs.pods.job_config import JobTooLargeError, UnusableSpecError, read_spec
+from bagpipe_operator.jobs.pods.job_config import JobTooLargeError, UnusableSpecError
 from bagpipe_operator.jobs.pods.refusal import Refusal
+from bagpipe_operator.jobs.specs import Specs
 from bagpipe_operator.jobs.status_writer import StatusWriter
 from bagpipe_operator.jobs.troubles.refusals import Refusals
 from bagpipe_operator.jobs.view import JobView, PodView, View
 from bagpipe_operator.jobs.warm_start import WarmStarts
-from bagpipe_operator.jobs.whole_job import whole
 from bagpipe_operator.settings import Settings
 
 
@@ -34,6 +34,7 @@ class DriverStart:
     lookup: DriverLookup
     writer: StatusWriter
     removal: PodRemoval
+    specs: Specs
     _refusals: Refusals = field(init=False)
 
     def __post_init__(self) -> None:
@@ -49,12 +50,12 @@ class DriverStart:
         again = self._refusals.asked(job.uid)
         await self._stop_driver_before(job, attempt)
         try:
-            entire = await self.whole(job)
-            spec = await self._place(entire)
+            entire, spec = await self.read(job)
+            placed = await self._place(entire, spec)
             made = (
-                spec
-                if isinstance(spec, Refusal)
-                else await self._create(entire, spec, attempt, again)
+                placed
+                if isinstance(placed, Refusal)
+                else await self._create(entire, placed, attempt, again)
             )
         except UnusableSpecError as error:
             return None, None, refused(reasons.SPEC_INVALID, error)
@@ -67,10 +68,13 @@ class DriverStart:
         self.view.put_pod(made)
         return made, None, None
 
-    async def whole(self, job: JobView) -> JobView:
-        """The job with all of its spec, of which the view may have but a part."""
+    async def read(self, job: JobView) -> tuple[JobView, SimulationJobSpec]:
+        """The job with all of its spec, of which the view may have but a part, and that spec read.
+
+        Raises UnusableSpecError.
+        """
         try:
-            return await whole(self.api, job)
+            return await self.specs.read(job)
         except ApiError as error:
             if error.status == 404:
                 await self.writer.reread(job)
@@ -86,9 +90,8 @@ class DriverStart:
         shape = self.warm.shape_to_keep(entire, spec)
         return await create_children(self.api, entire, spec, attempt, self.settings, again, shape)
 
-    async def _place(self, entire: JobView) -> SimulationJobSpec | Refusal:
+    async def _place(self, entire: JobView, spec: SimulationJobSpec) -> SimulationJobSpec | Refusal:
         """The job's spec, with its pods where its queue wants them if it has one."""
-        spec = read_spec(entire)
         return spec if self.queueing is None else await self.queueing.placed(entire, spec)
 
     async def _stop_driver_before(self, job: JobView, attempt: int) -> None:

@@ -15,7 +15,7 @@ from bagpipe_operator.jobs.driver.rounds import serves
 from bagpipe_operator.jobs.driver_start import DriverStart
 from bagpipe_operator.jobs.kueue.queueing import Queueing
 from bagpipe_operator.jobs.observation import Halt, Observation
-from bagpipe_operator.jobs.pods.job_config import UnusableSpecError, read_spec
+from bagpipe_operator.jobs.pods.job_config import UnusableSpecError
 from bagpipe_operator.jobs.pods.pinned import followed_schedule, pinned_baseline
 from bagpipe_operator.jobs.pods.refusal import Refusal
 from bagpipe_operator.jobs.policies.halt import halt_as_seen, halt_of
@@ -135,8 +135,7 @@ class Observer:
     async def _resumed(self, job: JobView, attempt: int) -> Observation:
         """Where to go on from; it is written before there is a driver, since the old job may go."""
         try:
-            entire = await self.starts.whole(job)
-            earlier = await find_earlier(self.api, entire, read_spec(entire))
+            earlier = await find_earlier(self.api, *await self.starts.read(job))
         except UnusableSpecError as error:
             return Observation(job, attempt, ending=refused(reasons.SPEC_INVALID, error))
         except CannotResumeError as error:

@@ -22,6 +22,7 @@ from bagpipe_operator.jobs.pod_removal import PodRemoval
 from bagpipe_operator.jobs.policies.halt import halt_of
 from bagpipe_operator.jobs.policies.last_passed import Handover
 from bagpipe_operator.jobs.policies.ttl import expired
+from bagpipe_operator.jobs.specs import Specs
 from bagpipe_operator.jobs.status import acknowledged, decide
 from bagpipe_operator.jobs.status_writer import StatusWriter
 from bagpipe_operator.jobs.view import JobView, View
@@ -60,6 +61,7 @@ class Reconciler:
     announcer: Announcer = field(default_factory=Announcer)
     pace: WritePace = field(init=False)
     _handover: Handover = field(init=False)
+    _specs: Specs = field(init=False)
     _warm: WarmStarts = field(init=False)
     _recorder: EventRecorder = field(init=False)
     _removal: PodRemoval = field(init=False)
@@ -79,9 +81,11 @@ class Reconciler:
         """Forgets what was seen when this replica led before: another may have led since."""
         self.pace = WritePace(self.settings.progress_wait_seconds, self.monotonic)
         self._handover = Handover(self.api, self.monotonic)
+        self._specs = Specs(self.api)
         self._warm = WarmStarts(
-            self.api, self.view, self.offers, self.drivers, self.settings, self.now, self.monotonic
-        )
+            self.api, self.view, self.offers, self.drivers, self.settings, self.now,
+            self.monotonic, self._specs,
+        )  # fmt: skip
         self._writer = StatusWriter(
             self.api, self.view, self.announcer, self._recorder,
             pace=self.pace, now=self.now, counted=self.counted, paced=self.paced,
@@ -89,6 +93,7 @@ class Reconciler:
         self._starts = DriverStart(
             self.api, self.view, self.settings, self.monotonic, queueing=self.queueing,
             warm=self._warm, lookup=self._lookup, writer=self._writer, removal=self._removal,
+            specs=self._specs,
         )  # fmt: skip
         self._observer = Observer(
             self.api, self.view, self.settings, self.now, self.monotonic, queueing=self.queueing,
@@ -242,6 +247,7 @@ class Reconciler:
             self.queueing.gone(uid)
 
     def _forget(self, uid: str) -> None:
+        self._specs.forget(uid)
         self._warm.forget(uid)
         self.pace.forget(uid)
         self._observer.forget(uid)

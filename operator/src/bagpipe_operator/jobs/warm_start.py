@@ -22,7 +22,6 @@ from bagpipe_operator.jobs.pods.job_config import (
     LARGEST_CONFIG_BYTES,
     UnusableSpecError,
     job_file,
-    read_spec,
 )
 from bagpipe_operator.jobs.policies.places import over
 from bagpipe_operator.jobs.pools.crowds import Crowds
@@ -37,8 +36,8 @@ from bagpipe_operator.jobs.pools.warm import (
     forbidden,
     leaving,
 )
+from bagpipe_operator.jobs.specs import Specs
 from bagpipe_operator.jobs.view import JobView, PodView, View
-from bagpipe_operator.jobs.whole_job import whole
 from bagpipe_operator.runtime.patience import Patience
 from bagpipe_operator.settings import Settings
 
@@ -86,6 +85,7 @@ class WarmStarts:
     settings: Settings
     now: Callable[[], datetime]
     monotonic: Callable[[], float]
+    specs: Specs
     _crowds: Crowds = field(init=False)
     # The drivers' pods that jobs are about to claim, by the jobs' UIDs.
     _chosen: dict[str, str] = field(default_factory=dict)
@@ -118,9 +118,8 @@ class WarmStarts:
 
     async def _begin(self, job: JobView, pool: str) -> Json | None:
         """A driver that waits, or why the job has pods of its own."""
-        entire = await whole(self.api, job)
         try:
-            spec = read_spec(entire)
+            entire, spec = await self.specs.read(job)
             check_allowed(spec, self.settings)
         except UnusableSpecError:
             return None  # the job ends, with its sentence, when its pods are to be made
@@ -165,9 +164,8 @@ class WarmStarts:
             return "silent"
         if halted or pod.deleting:
             return "silent"
-        entire = await whole(self.api, job)
         try:
-            spec = read_spec(entire)
+            entire, spec = await self.specs.read(job)
             check_allowed(spec, self.settings)
         except UnusableSpecError:
             return "silent"  # nobody may run it any more, and the driver may have taken it

@@ -76,3 +76,32 @@ def test_jobs_of_a_megabyte_that_wait_fit_the_memory_limit_and_their_neighbour_r
     )
     print(f"{JOBS} waiting jobs: {peak(operator) >> 20} MiB at most")
     assert peak(operator) < 0.45 * quantity(limit)
+
+
+def test_a_megabyte_of_wrong_values_is_refused_within_the_memory_of_any_other_job(
+    admin: Client, namespace: str, operator_process: StartOperator
+) -> None:
+    """Each made several errors: 1.1 GB in twelve seconds, and no phase."""
+    operator = operator_process(**PATIENT)
+    admin.create(jobs(namespace), large("before", {}))
+    await_phase(admin, namespace, "before", "Pending")
+    before = peak(operator)
+    hostile = large("wrong", {})
+    hostile["spec"]["matrix"] = {"variables": {f"v{n}": [None] * 10_000 for n in range(13)}}
+    more = large("many", {})
+    more["spec"]["matrix"] = {"variables": {"v": NOTHING}}
+    for job in (hostile, more):
+        admin.create(jobs(namespace), job)
+        await_phase(admin, namespace, job["metadata"]["name"], "Failed")
+        found = admin.get(jobs(namespace, job["metadata"]["name"]))["status"]["conditions"]
+        assert [c["reason"] for c in found if c["type"] == "Failed"] == ["SpecInvalid"]
+    print(f"{(peak(operator) - before) >> 20} MiB for both")
+    assert peak(operator) - before < 100 * 1024 * 1024
+
+
+def await_phase(admin: Client, namespace: str, name: str, phase: str) -> None:
+    wait_until(
+        lambda: admin.get(jobs(namespace, name)).get("status", {}).get("phase") == phase,
+        PATIENCE,
+        f"{name} is not {phase}",
+    )

@@ -6,7 +6,6 @@ from typing import Annotated, Literal, Self
 
 from pydantic import (
     AfterValidator,
-    BaseModel,
     ConfigDict,
     Field,
     JsonValue,
@@ -14,6 +13,9 @@ from pydantic import (
     model_validator,
 )
 from pydantic.alias_generators import to_camel
+
+from bagpipe.bounds import MOST_VALUES as MOST_VALUES_OF_A_FIELD
+from bagpipe.bounds import FewKeys, has_at_most, holds_at_most
 
 # Names that templates and rules know besides the variables.
 RESERVED_NAMES = frozenset({"seed", "variant"})
@@ -28,7 +30,7 @@ _CEL_WORDS = frozenset({
 Scalar = str | int | float | bool
 
 
-class _Model(BaseModel):
+class _Model(FewKeys):
     model_config = ConfigDict(
         alias_generator=to_camel, populate_by_name=True, frozen=True, extra="forbid"
     )
@@ -70,7 +72,7 @@ class Choice(_Model):
 class Choices(_Model):
     """Values of which some are wanted more often when `limit` takes a sample."""
 
-    choices: list[Choice] = Field(min_length=1, max_length=MOST_VALUES)
+    choices: list[Choice] = Field(min_length=1, max_length=MOST_VALUES, fail_fast=True)
 
 
 def _known_scalar(value: JsonValue) -> JsonValue:
@@ -80,7 +82,8 @@ def _known_scalar(value: JsonValue) -> JsonValue:
     return value
 
 
-Values = list[Annotated[Scalar, AfterValidator(_known_scalar)]]
+# After the first wrong one nobody reads on: there may be a hundred thousand.
+Values = Annotated[list[Annotated[Scalar, AfterValidator(_known_scalar)]], Field(fail_fast=True)]
 Variable = Values | Span | Choices
 
 
@@ -94,9 +97,13 @@ class Exclusion(_Model):
 class Matrix(_Model):
     """Variables and the rules over them."""
 
-    variables: dict[str, Variable] = Field(min_length=1, max_length=32)
-    exclude: list[Exclusion] = Field(default=[], max_length=100)
-    include: list[dict[str, Scalar]] = Field(default=[], max_length=1000)
+    variables: Annotated[
+        dict[str, Variable], holds_at_most(MOST_VALUES_OF_A_FIELD), has_at_most()
+    ] = Field(min_length=1, max_length=32)
+    exclude: list[Exclusion] = Field(default=[], max_length=100, fail_fast=True)
+    include: Annotated[
+        list[Annotated[dict[str, Scalar], has_at_most()]], holds_at_most(MOST_VALUES_OF_A_FIELD)
+    ] = Field(default=[], max_length=1000, fail_fast=True)
     seeds: int = Field(default=1, ge=1, le=10_000)
     limit: int | None = Field(default=None, ge=1, le=1_000_000)
     sample: Literal["stratified", "pairwise"] | None = None

@@ -7,6 +7,7 @@ from typing import Annotated, Self
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, JsonValue, model_validator
 from pydantic.alias_generators import to_camel
 
+from bagpipe.bounds import MOST_VALUES, holds_at_most
 from bagpipe.matrix.templates import has_template
 from bagpipe.pieces import RecordedTopics
 from bagpipe.simulator.scenario import Scenario
@@ -40,6 +41,10 @@ def _topic(name: str) -> str:
 
 Length = Annotated[str, AfterValidator(_length)]
 Topic = Annotated[str, AfterValidator(_topic)]
+
+
+# With templates or without; what it means is read once it is known to be of a size that can be.
+_Open = Annotated[dict[str, JsonValue], holds_at_most(MOST_VALUES)]
 
 
 class Topics(BaseModel):
@@ -85,10 +90,12 @@ class Simulator(BaseModel):
     step: Length = "100ms"
     duration: Length
     topics: Topics = Topics()
-    ego: dict[str, JsonValue] = {}
-    scene: dict[str, JsonValue] = {}
-    actors: list[dict[str, JsonValue]] = Field(default=[], max_length=64)
-    lidar: dict[str, JsonValue] | None = None
+    ego: _Open = {}
+    scene: _Open = {}
+    actors: Annotated[list[dict[str, JsonValue]], holds_at_most(MOST_VALUES)] = Field(
+        default=[], max_length=64
+    )
+    lidar: _Open | None = None
     recorded: list[RecordedTopics] = Field(default=[], max_length=20)
 
     @model_validator(mode="after")

@@ -6,8 +6,10 @@ left (REP 103). Lane 0 is the rightmost, with y = 0 at its centre.
 
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 from pydantic.alias_generators import to_camel
+
+from bagpipe.bounds import FewKeys
 
 Finite = Annotated[float, Field(allow_inf_nan=False, ge=-1e5, le=1e5)]
 Size = Annotated[float, Field(gt=0, le=1000)]
@@ -35,7 +37,7 @@ SIZES = {
 }  # fmt: skip
 
 
-class _Part(BaseModel):
+class _Part(FewKeys):
     model_config = ConfigDict(
         frozen=True, extra="forbid", alias_generator=to_camel, populate_by_name=True
     )
@@ -73,7 +75,7 @@ class Light(_Part):
     """A traffic light: its phases follow each other from the first on, again and again."""
 
     name: str = Field(min_length=1, max_length=63)
-    program: list[Phase] = Field(min_length=1, max_length=32)
+    program: list[Phase] = Field(min_length=1, max_length=32, fail_fast=True)
 
 
 class StopLine(_Part):
@@ -89,9 +91,9 @@ class Scene(_Part):
     lanes: int = Field(default=1, ge=1, le=32)
     lane_width: Size = 3.5
     length: Size = 1000.0
-    barriers: list[Barrier] = Field(default=[], max_length=200)
-    stop_lines: list[StopLine] = Field(default=[], max_length=50)
-    lights: list[Light] = Field(default=[], max_length=50)
+    barriers: list[Barrier] = Field(default=[], max_length=200, fail_fast=True)
+    stop_lines: list[StopLine] = Field(default=[], max_length=50, fail_fast=True)
+    lights: list[Light] = Field(default=[], max_length=50, fail_fast=True)
 
     @model_validator(mode="after")
     def _lights_are_there(self) -> Self:
@@ -149,7 +151,7 @@ class Actor(_Part):
     speed: Speed | Literal["slower", "equal", "faster"] = 0.0
     motion: Literal["straight", "left", "right"] = "straight"
     after: Seconds = 2.0
-    script: list[Action] = Field(default=[], max_length=100)
+    script: list[Action] = Field(default=[], max_length=100, fail_fast=True)
 
     @property
     def actions(self) -> list[Action]:
@@ -172,7 +174,7 @@ class Scenario(_Part):
 
     ego: Ego = Ego()
     scene: Scene = Scene()
-    actors: list[Actor] = Field(default=[], max_length=64)
+    actors: list[Actor] = Field(default=[], max_length=64, fail_fast=True)
     lidar: Lidar | None = None
 
     @model_validator(mode="after")

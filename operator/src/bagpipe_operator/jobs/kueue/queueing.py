@@ -15,8 +15,9 @@ from bagpipe_operator.cluster.client import Api, ApiError
 from bagpipe_operator.jobs.kueue import placement, workload, workload_view
 from bagpipe_operator.jobs.kueue.workload_view import Workloads, WorkloadView
 from bagpipe_operator.jobs.observation import Halt
-from bagpipe_operator.jobs.pods.job_config import UnusableSpecError, read_spec
+from bagpipe_operator.jobs.pods.job_config import UnusableSpecError
 from bagpipe_operator.jobs.pods.refusal import Refusal
+from bagpipe_operator.jobs.specs import Specs
 from bagpipe_operator.jobs.view import JobView
 from bagpipe_operator.jobs.whole_job import whole
 from bagpipe_operator.runtime.fair_share import FairShare
@@ -67,6 +68,7 @@ class Queueing:
 
     def begin_to_lead(self) -> None:
         """Forgets what was asked when this replica led before: another may have led since."""
+        self._specs = Specs(self._api)
         self._share = FairShare(LOOK_EVERY_SECONDS)
         self._asked: dict[str, float] = {}
         self._fitting: dict[str, int] = {}  # generations of jobs that their Workloads fit
@@ -147,6 +149,7 @@ class Queueing:
 
     def forget(self, uid: str) -> None:
         """The job is over, or waits for nothing."""
+        self._specs.forget(uid)
         self._asked.pop(uid, None)
         self._fitting.pop(uid, None)
         self._refused.pop(uid, None)
@@ -207,15 +210,16 @@ class Queueing:
         self.forget(seen.owner_uid)
 
     async def _create(self, job: JobView) -> None:
-        entire = await whole(self._api, job)
         try:
-            spec = read_spec(entire)
+            entire, spec = await self._specs.read(job)
+        except UnusableSpecError:
+            self._refused[job.uid] = None
+            return
+        try:
             priority = await self._priority(entire, spec)
             made = await self._api.create_workload(
                 workload.manifest(entire, spec, self._settings, priority)
             )
-        except UnusableSpecError:
-            self._refused[job.uid] = None
         except ApiError as error:
             # A webhook that hangs may have been waited for in vain: the next visit looks first.
             if error.status in {400, 403, 404, 413, 422} or error.webhook_is_awaited:

@@ -70,12 +70,17 @@ def _lasting(spec: Json) -> Json:
 
 def plain_spec(spec: Json) -> Json:
     """The spec with Spark's quantities as strings: a manifest may also write `cpu: 1`."""
-    plain: Json = json.loads(json.dumps(spec))
-    for role in ("driver", "executor"):
-        part = mapping(mapping(plain.get("spark")).get(role))
-        resources = mapping(part.get("resources"))
-        resources.update({key: str(value) for key, value in resources.items()})
-    return plain
+    spark = mapping(spec.get("spark"))
+    plain = {role: _plain_part(spark[role]) for role in ("driver", "executor") if role in spark}
+    # Only what differs is made once more: a spec may be a megabyte.
+    return spec | {"spark": spark | plain} if plain else spec
+
+
+def _plain_part(part: object) -> object:
+    resources = mapping(mapping(part).get("resources"))
+    if not resources:
+        return part
+    return mapping(part) | {"resources": {key: str(value) for key, value in resources.items()}}
 
 
 def _of_driver(job: JobView) -> Json:
@@ -94,21 +99,15 @@ def _baseline(job: JobView) -> Json:
 
 def job_config(job: JobView, spec: SimulationJobSpec, attempt: int, settings: Settings) -> Json:
     """The manifest of one attempt's ConfigMap; raises JobTooLargeError."""
-    data = {
-        "job.json": json.dumps(job_file(job, spec, attempt, settings), indent=1, sort_keys=True),
-        # libyaml's dumper: Python's own takes 2.5 ms for a template, more than a call's time.
-        "executor.yaml": yaml.dump(
-            executor_template(job, spec, attempt, settings),
-            Dumper=yaml.CSafeDumper,
-            sort_keys=False,
-        ),
-    }
-    size = sum(len(text.encode()) for text in data.values())
-    if size > LARGEST_CONFIG_BYTES:
-        raise JobTooLargeError(
-            f"The job's description takes {size} bytes and a ConfigMap holds "
-            f"{LARGEST_CONFIG_BYTES}: move the largest of stack.parameters into the stack's image."
-        )
+    described = job_file(job, spec, attempt, settings)
+    data = {"job.json": json.dumps(described, indent=1, sort_keys=True)}
+    # Before the template, which has the largest part of it once more and takes YAML far longer.
+    _check_size(data)
+    # libyaml's dumper: Python's own takes 2.5 ms for a template, more than a call's time.
+    data["executor.yaml"] = yaml.dump(
+        executor_template(job, spec, attempt, settings), Dumper=yaml.CSafeDumper, sort_keys=False
+    )
+    _check_size(data)
     return {
         "apiVersion": "v1",
         "kind": "ConfigMap",
@@ -122,6 +121,15 @@ def job_config(job: JobView, spec: SimulationJobSpec, attempt: int, settings: Se
         "immutable": True,
         "data": data,
     }
+
+
+def _check_size(data: dict[str, str]) -> None:
+    size = sum(len(text.encode()) for text in data.values())
+    if size > LARGEST_CONFIG_BYTES:
+        raise JobTooLargeError(
+            f"The job's description takes {size} bytes and a ConfigMap holds "
+            f"{LARGEST_CONFIG_BYTES}: move the largest of stack.parameters into the stack's image."
+        )
 
 
 def job_file(job: JobView, spec: SimulationJobSpec, attempt: int, settings: Settings) -> Json:
