@@ -431,9 +431,8 @@ async def test_a_silent_driver_whose_end_the_watch_missed() -> None:
     assert world.status()["phase"] == "Complete"
 
 
-async def test_a_deleted_job_is_left_to_the_garbage_collector() -> None:
-    world = World(make_job("x").deleting())
-    await world.reconcile()
+async def test_a_job_that_is_gone_is_left_to_the_garbage_collector() -> None:
+    world = World(make_job("x"))
     world.view.drop_job(UID)
     await world.reconcile()
     assert world.api.calls == []

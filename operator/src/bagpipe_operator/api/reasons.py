@@ -39,6 +39,7 @@ ADMITTED = "Admitted"
 GOES_ON = frozenset({JOB_RESUMED, ADMITTED})
 DEADLINE_EXCEEDED = "DeadlineExceeded"
 START_DEADLINE_EXCEEDED = "StartDeadlineExceeded"
+JOB_DELETED = "JobDeleted"
 RESUME_REFUSED = "ResumeRefused"
 
 # What spec.baseline.lastPassed is.

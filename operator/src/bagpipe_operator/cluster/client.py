@@ -4,6 +4,7 @@ Objects go in and out as plain dictionaries: the generated models would drop fie
 not know, and cost more time than the call. No call is repeated here; the queue does that.
 """
 
+import re
 import time
 from collections.abc import AsyncIterator, Callable
 from typing import Any, Protocol
@@ -21,6 +22,8 @@ from bagpipe_operator.cluster.large_objects import PAGE, read_answer, trimmed
 # The kubelet joins what it repeats, so a pod that starts has about a dozen.
 MOST_EVENTS = 100
 TIMEOUT = "Timeout"
+# By the API server, before the webhook's own words.
+_DENIED = re.compile(r'^admission webhook "[^"]*" denied the request')
 # How much earlier the API server gives up than we do: its answer has to arrive.
 ANSWER_SECONDS = 0.5
 # One in good health may need as long for a pod.
@@ -62,6 +65,11 @@ class ApiError(Exception):
     def webhook_is_down(self) -> bool:
         """Whether an admission webhook does not answer the API server; that may last."""
         return self.status == 500 and "failed calling webhook" in self.message
+
+    @property
+    def webhook_denies(self) -> bool:
+        """Whether an admission webhook answered with a denial; it chooses the status itself."""
+        return _DENIED.search(self.message) is not None
 
     @property
     def timed_out(self) -> bool:

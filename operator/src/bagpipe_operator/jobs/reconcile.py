@@ -112,7 +112,7 @@ class Reconciler:
     async def reconcile(self, uid: str) -> None:
         """Brings one job forward; raises ApiError when it should be tried again."""
         job = self.view.job(uid)
-        if job is None or job.deleting:
+        if job is None:
             self._forget_gone(uid)
             return
         self._writer.take_in(job)
@@ -197,18 +197,20 @@ class Reconciler:
 
     async def _stop_leftovers(self, job: JobView) -> None:
         """Deletes the pods of an ended job that have not ended themselves, unless they wait for the
-        next one: those of earlier attempts never do."""
+        next one: those of earlier attempts never do, nor those of a job that is deleted."""
         left = self._removal.left_of(job)
         if not left:
             self._warm.forget_driver(job.uid)
-        elif await self._warm.keeps(job):
+        elif not job.deleting and await self._warm.keeps(job):
             await self._removal.of_earlier_attempts(job)
         else:
             await self._removal.of_leftovers(left)
 
     async def _is_due_to_go(self, job: JobView) -> bool:
         """Whether a job was kept for as long as its spec says, and nothing is owed of it."""
-        if not expired(job, self.now()) or self.announcer.owes(job) or self._recorder.owes(job):
+        if job.deleting or not expired(job, self.now()):
+            return False
+        if self.announcer.owes(job) or self._recorder.owes(job):
             return False
         own = own_driver_in_pool(job.name, job.status)
         if await may_lend_pods(self.api, job.namespace, own, job.uid):
@@ -222,16 +224,16 @@ class Reconciler:
                 job.namespace, job.name, job.uid, job.resource_version
             )
         except ApiError as error:
-            if error.status not in {404, 409}:
+            # What a webhook denies is tried again after growing pauses, whatever code it chose.
+            if error.status not in {404, 409} or error.webhook_denies:
                 raise
             await self._writer.reread(job)
-            self._forget_if_gone(job.uid)
-            return
-        self._handover.forget(job.uid)
-        self.view.drop_job(job.uid)
+        else:
+            self.view.drop_job(job.uid)
+        self._forget_if_gone(job.uid)
 
     def _forget_if_gone(self, uid: str) -> None:
-        """A call has found no job of that name: where it is gone, no event may say so any more."""
+        """A call has shown that a job is gone, or may be: no event may say so any more."""
         if self.view.job(uid) is None:
             self._forget_gone(uid)
 

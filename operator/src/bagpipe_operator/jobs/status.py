@@ -165,6 +165,10 @@ def _suspended(seen: Observation, halt: Halt, now: datetime) -> Json:
 
 
 def _not_suspended(seen: Observation) -> Condition:
+    if seen.job.deleting:
+        return Condition(
+            conditions.SUSPENDED, False, reasons.JOB_DELETED, "The job is being deleted."
+        )
     before = conditions.find(seen.job.status.get("conditions") or [], conditions.SUSPENDED)
     if seen.kueue and before and before["reason"] in {reasons.QUEUED, reasons.ADMITTED}:
         return Condition(

@@ -33,7 +33,7 @@ class Sweeper:
 
     def sweep(self) -> int:
         """One visit; how many jobs were asked for."""
-        jobs = (job for job in self.view.jobs() if not job.deleting and self._is_due(job))
+        jobs = (job for job in self.view.jobs() if self._is_due(job))
         failed = self.queue.rested() + (self.large.queue.rested() if self.large else [])
         due = {job.uid: None for job in jobs} | dict.fromkeys(failed)
         for uid in due:
@@ -45,7 +45,8 @@ class Sweeper:
             return is_swept(job)
         now, pods = self.now(), self.view.pods(job.uid)
         waits = bool(job.status.get("pool")) and any(not (p.ended or p.deleting) for p in pods)
-        return expired(job, now) or waits or any(lingers(pod, now) for pod in pods)
+        removed = expired(job, now) and not job.deleting
+        return removed or waits or any(lingers(pod, now) for pod in pods)
 
     def sweep_all(self) -> None:
         """Asks for every job, also those that have ended: a new leader knows of no work done."""

@@ -1,4 +1,4 @@
-"""Whether a job may have pods at this moment: suspension first, then its deadlines. Pure."""
+"""Whether a job may have pods: its deletion first, then suspension, then deadlines. Pure."""
 
 from datetime import datetime
 
@@ -6,6 +6,7 @@ from bagpipe_operator.api import reasons
 from bagpipe_operator.jobs.driver.progress import Progress
 from bagpipe_operator.jobs.observation import Halt
 from bagpipe_operator.jobs.policies.deadlines import late_end, late_start, reported_late
+from bagpipe_operator.jobs.policies.deletion import deletion
 from bagpipe_operator.jobs.policies.suspend import suspension
 from bagpipe_operator.jobs.view import JobView
 
@@ -17,7 +18,13 @@ def halt_of(job: JobView, now: datetime) -> Halt | None:
     or the clock set back: the driver has been asked to stop and must not be counted
     as lost.
     """
-    return suspension(job) or reported_late(job) or late_start(job, now) or late_end(job, now)
+    return (
+        deletion(job)
+        or suspension(job)
+        or reported_late(job)
+        or late_start(job, now)
+        or late_end(job, now)
+    )
 
 
 def halt_as_seen(

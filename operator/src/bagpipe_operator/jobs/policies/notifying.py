@@ -89,8 +89,16 @@ def _owed(job: JobView, status: Json, receivers: Receivers) -> list[Json] | None
     asking = [each.name for each in known if each.events & kinds]
     if not known and not unknown:
         return None
+    if _was_deleted(status):
+        return []
     owed = [{"receiver": name, "state": PENDING} for name in asking]
     return owed + [{"receiver": name, "state": UNKNOWN} for name in unknown]
+
+
+def _was_deleted(status: Json) -> bool:
+    """Whether a job ended because somebody deleted it, who knows."""
+    failed = conditions.find(status.get("conditions") or [], conditions.FAILED)
+    return failed is not None and failed["reason"] == reasons.JOB_DELETED
 
 
 def _settled(

@@ -22,7 +22,7 @@ def rests(job: JobView) -> bool:
 
 def is_swept(job: JobView) -> bool:
     """Whether time alone may bring the job forward, so that it is visited every few seconds."""
-    return not job.finished and not rests(job)
+    return not job.finished and (job.deleting or not rests(job))
 
 
 def is_reported(job: JobView) -> bool:

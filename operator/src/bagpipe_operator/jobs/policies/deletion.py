@@ -1,0 +1,20 @@
+"""Deletion: a job that is being deleted, and whose object somebody's finalizer keeps. Pure."""
+
+from bagpipe_operator.api import reasons
+from bagpipe_operator.jobs.observation import Halt
+from bagpipe_operator.jobs.view import JobView
+
+
+def deletion(job: JobView) -> Halt | None:
+    """The halt of a job that is being deleted.
+
+    Its pods go with its object, by their owner's deletion, which anybody's entry in
+    metadata.finalizers may put off for ever.
+    """
+    if not job.deleting:
+        return None
+    message = (
+        "The job was deleted before it ended: its object is gone when metadata.finalizers has no"
+        " entry any more."
+    )
+    return Halt(reasons.JOB_DELETED, message, final=True)
