@@ -44,12 +44,14 @@ class ApiError(Exception):
     def is_gone(self, name: str) -> bool:
         """Whether there is no object of that name; any other 404, as of a proxy or of a CRD that is
         not served for a moment, says nothing of it."""
-        return self.status == 404 and self.reason == "NotFound" and f'"{name}"' in self.message
+        missing = self.status == 404 and self.reason == "NotFound" and not self.webhook_denies
+        return missing and f'"{name}"' in self.message
 
     @property
     def name_is_taken(self) -> bool:
         """Whether what was to be created is there; any other conflict may pass."""
-        return self.status == 409 and self.reason == "AlreadyExists"
+        taken = self.status == 409 and self.reason == "AlreadyExists"
+        return taken and not self.webhook_denies
 
     @property
     def quota_is_full(self) -> bool:
@@ -74,7 +76,8 @@ class ApiError(Exception):
     @property
     def timed_out(self) -> bool:
         """Whether the API server gave no answer in time; it may have done what was asked."""
-        return self.status == 504 or (self.status == 0 and self.reason == TIMEOUT)
+        late = self.status == 504 and not self.webhook_denies
+        return late or (self.status == 0 and self.reason == TIMEOUT)
 
     @property
     def webhook_is_awaited(self) -> bool:

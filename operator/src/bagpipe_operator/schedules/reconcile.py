@@ -200,9 +200,10 @@ class ScheduleReconciler:
         except ApiError as error:
             if error.name_is_taken:
                 return await self._not_ours(schedule, name)
-            if error.status == 409 or error.webhook_is_not_tried:
-                return None
             refused = refusal_of(error, name)
+            passes = error.status == 409 and refused is None
+            if passes or error.webhook_is_not_tried:
+                return None
             if refused is None:
                 raise
             return None if refused.reason == reasons.QUOTA_EXCEEDED else refused

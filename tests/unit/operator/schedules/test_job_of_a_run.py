@@ -16,6 +16,10 @@ from bagpipe_operator.schedules.job import name_taken, refusal_of
         (422, "spec.stack: Required value", "CreationRefused"),
         (500, "failed calling webhook: no answer", "CreationRefused"),
         (504, "context deadline exceeded", "CreationRefused"),
+        *(
+            (code, 'admission webhook "jobs.example" denied the request: frozen', "CreationRefused")
+            for code in (404, 409, 418, 429, 500, 504)
+        ),
         (403, "namespace lanes is being terminated", None),
         (0, "no answer", None),
         (409, "it already exists", None),

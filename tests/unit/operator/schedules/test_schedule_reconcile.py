@@ -330,6 +330,31 @@ async def test_what_is_refused_replaces_nothing() -> None:
     assert world.names == [name_of(2)]
 
 
+@pytest.mark.parametrize("status", [404, 409, 429, 500, 504])
+async def test_what_a_webhook_denies_replaces_nothing_whatever_code_it_chose(status: int) -> None:
+    """With 409 the job that ran was deleted, none was made, and the status said that it was."""
+    words = 'admission webhook "jobs.example" denied the request: frozen'
+    world = World(concurrencyPolicy="Replace")
+    await world.at(1)
+    for second in (0, 10, 20):
+        world.api.fail(f"try {name_of(2)}", ApiError(status, "Conflict", words))
+        with pytest.raises(ApiError, match="frozen"):
+            await world.at(2, second)
+    assert world.names == [name_of(1)]
+    assert world.condition("OnTime") == ("False", "CreationRefused")
+    assert words in world.message("OnTime")
+    assert [event["reason"] for event in world.api.written_events].count("CreationRefused") == 1
+
+
+async def test_a_conflict_that_passes_keeps_no_run_from_its_start() -> None:
+    world = World(concurrencyPolicy="Replace")
+    await world.at(1)
+    modified = ApiError(409, "Conflict", 'Operation cannot be fulfilled on resourcequotas "jobs"')
+    world.api.fail(f"try {name_of(2)}", modified)
+    await world.at(2)
+    assert world.names == [name_of(2)]
+
+
 async def test_a_quota_that_is_full_of_what_is_replaced_keeps_no_run_from_its_start() -> None:
     world = World(concurrencyPolicy="Replace")
     await world.at(1)

@@ -188,9 +188,9 @@ def _refusal_of(error: ApiError, job: JobView, what: str) -> Refusal | None:
     if (message := _awaited(error, what)) is not None:
         reason = reasons.QUOTA_EXCEEDED if error.quota_is_full else reasons.CREATION_REFUSED
         return Refusal(reason, message, lasting=False)
-    if error.status in {400, 403, 413, 422} or _NO_NAME in error.message:
-        return Refusal(
-            reasons.CREATION_REFUSED,
-            f"The API server refuses {what}: {error.message}",
-        )
+    lasting = error.status in {400, 403, 413, 422} or _NO_NAME in error.message
+    if lasting or error.webhook_denies:
+        # A webhook may mean by another code that it is to be asked again.
+        message = f"The API server refuses {what}: {error.message}"
+        return Refusal(reasons.CREATION_REFUSED, message, lasting)
     return None
