@@ -100,8 +100,9 @@ def _baseline(job: JobView) -> Json:
 def job_config(job: JobView, spec: SimulationJobSpec, attempt: int, settings: Settings) -> Json:
     """The manifest of one attempt's ConfigMap; raises JobTooLargeError."""
     described = job_file(job, spec, attempt, settings)
+    # Each takes far longer than the one before: what is too large already is not written again.
+    _check_size({"job.json": json.dumps(described)})
     data = {"job.json": json.dumps(described, indent=1, sort_keys=True)}
-    # Before the template, which has the largest part of it once more and takes YAML far longer.
     _check_size(data)
     # libyaml's dumper: Python's own takes 2.5 ms for a template, more than a call's time.
     data["executor.yaml"] = yaml.dump(
@@ -127,7 +128,7 @@ def _check_size(data: dict[str, str]) -> None:
     size = sum(len(text.encode()) for text in data.values())
     if size > LARGEST_CONFIG_BYTES:
         raise JobTooLargeError(
-            f"The job's description takes {size} bytes and a ConfigMap holds "
+            f"The job's description takes {size} bytes or more and a ConfigMap holds "
             f"{LARGEST_CONFIG_BYTES}: move the largest of stack.parameters into the stack's image."
         )
 
