@@ -23,7 +23,7 @@ from tests.unit.operator.world import UID, World
 # each (docs/operations/sizing.md).
 LIMIT, ALONE, KOPF, JOBS = 512 << 20, 120 << 20, 21_000, 10_000
 # A spec of many small values: a byte of JSON is ten of Python's.
-LARGE = {f"/p{n}": [n % 7, n % 5] for n in range(12_000)}
+LARGE = {f"/p{n}": [m % 7 for m in range(70)] for n in range(1_000)}
 SMALL = {"/map": "a4"}
 
 
