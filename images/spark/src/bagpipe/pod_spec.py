@@ -250,7 +250,6 @@ class Volume(SpecModel):
     @model_validator(mode="after")
     def _one_kind(self) -> Self:
         # Kubernetes takes a volume of no known kind for an emptyDir.
-        # Kubernetes takes a volume of no known kind for an emptyDir.
         if [value is None for _, value in self].count(False) != 2:
             raise ValueError(
                 f"volume {self.name} needs exactly one of persistentVolumeClaim, configMap, secret,"
