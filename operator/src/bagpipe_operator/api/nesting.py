@@ -16,7 +16,9 @@ DEEPEST = 32
 # refused there.
 _DEEPEST_OF_TEXT = 4 * DEEPEST
 _CONTAINERS = (dict, list)
-_TOKEN = re.compile(rb'"(?:[^"\\]++|\\.)*+(?:"|\Z)|[\[{]++|[\]}]++', re.DOTALL)
+# A text that breaks off, in the middle of an escape too, is a token to its end: else each of its
+# quotes would be looked at as a beginning.
+_TOKEN = re.compile(rb'"(?:[^"\\]++|\\(?:.|\Z))*+(?:"|\Z)|[\[{]++|[\]}]++', re.DOTALL)
 _TOKEN_OF_TEXT = re.compile(_TOKEN.pattern.decode(), re.DOTALL)
 
 

@@ -21,7 +21,8 @@ _SANDBOX = frozenset({"FailedCreatePodSandBox", "FailedCreatePodContainer"})
 # After one of these the kubelet is past volumes and sandbox.
 _STARTING = frozenset({"Pulling", "Pulled", "Created", "Started"})
 _PULL = re.compile(r"Failed to pull image\b")
-_CONTAINER = re.compile(r"\.(?:initContainers|containers)\{([^}]+)\}$")
+# Without a brace in the name: text that is all beginnings is read once, and not once for each.
+_CONTAINER = re.compile(r"\.(?:initContainers|containers)\{([^{}]+)\}$")
 _LONG_AGO = datetime(1970, 1, 1, tzinfo=UTC)
 _UNBOUND = "unbound immediate PersistentVolumeClaims"
 
