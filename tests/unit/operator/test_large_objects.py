@@ -127,6 +127,26 @@ def test_what_views_keep_of_a_large_object_is_what_they_keep_of_all_of_it() -> N
     assert len(json.dumps(read)) < 2_000
 
 
+def test_of_a_large_event_what_is_read_is_kept_and_its_texts_are_cut() -> None:
+    moments = {
+        "lastTimestamp": "2026-11-20T04:00:00Z", "eventTime": None,
+        "series": {"count": 2, "lastObservedTime": "2026-11-20T04:00:01.000000Z"},
+    }  # fmt: skip
+    meta = {"name": "e", "creationTimestamp": "2026-11-20T04:00:00Z"}
+    event = {
+        "metadata": meta | {"annotations": {"a": "x" * TRIMMED_FROM}}, **moments,
+        "reason": "Failed" * TRIMMED_FROM, "message": "m" * TRIMMED_FROM,
+        "involvedObject": {"name": "p" * TRIMMED_FROM, "fieldPath": ".c{" * TRIMMED_FROM},
+        "source": {"component": "k" * TRIMMED_FROM},
+    }  # fmt: skip
+    (read,) = read_whole(listed(event))["items"]
+    assert {key: read[key] for key in moments} == moments
+    assert read["metadata"]["creationTimestamp"] == meta["creationTimestamp"]
+    assert (len(read["reason"]), len(read["message"])) == (128, 1024)
+    assert read["involvedObject"] == {"fieldPath": (".c{" * 100)[:256]}
+    assert len(json.dumps(read)) < 2_000
+
+
 def event_of(line: bytes) -> bytes:
     return asyncio.run(read_event(line))
 

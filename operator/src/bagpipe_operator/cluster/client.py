@@ -4,6 +4,7 @@ Objects go in and out as plain dictionaries: the generated models would drop fie
 not know, and cost more time than the call. No call is repeated here; the queue does that.
 """
 
+import asyncio
 import re
 import time
 from collections.abc import AsyncIterator, Callable
@@ -21,6 +22,8 @@ from bagpipe_operator.cluster.large_objects import PAGE, read_answer, trimmed
 
 # The kubelet joins what it repeats, so a pod that starts has about a dozen.
 MOST_EVENTS = 100
+# Anybody with rights in a namespace may write others, of 1.4 MB each: a page takes seven.
+EVENTS_IN_PAGE = 5
 TIMEOUT = "Timeout"
 # By the API server, before the webhook's own words.
 _DENIED = re.compile(r'^admission webhook "[^"]*" denied the request')
@@ -183,9 +186,18 @@ class KubernetesApi:
         return await self._call("GET", f"/api/v1/namespaces/{namespace}/{resource}/{name}")
 
     async def events_of(self, namespace: str, uid: str) -> list[Json]:
-        query = f"fieldSelector=involvedObject.uid={uid}&limit={MOST_EVENTS}"
-        found = await self._call("GET", f"/api/v1/namespaces/{namespace}/events?{query}")
-        return list(found.get("items") or [])
+        query = f"fieldSelector=involvedObject.uid={uid}&limit={EVENTS_IN_PAGE}"
+        path = f"/api/v1/namespaces/{namespace}/events?{query}"
+        found: list[Json] = []
+        try:
+            async with asyncio.timeout(self._deadline):  # as long as one call, whatever is there
+                async for event in self._listed(path):
+                    found.append(event)
+                    if len(found) == MOST_EVENTS:
+                        break
+        except TimeoutError:
+            raise ApiError(0, TIMEOUT, f"GET {path}: too many pages to be read in time.") from None
+        return found
 
     async def delete_pod(
         self, namespace: str, name: str, uid: str, grace_seconds: int | None = None

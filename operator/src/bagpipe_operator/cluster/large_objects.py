@@ -43,6 +43,10 @@ _LABELS = frozenset(
         names.LABEL_SCHEDULE,
     }
 )  # fmt: skip
+# What is read of an Event, and how much of its texts: as much as the API server takes of an Event
+# of the newer kind. Of the older kind it takes megabytes.
+_OF_EVENT = ("lastTimestamp", "eventTime", "series")
+_LONGEST_MESSAGE, _LONGEST_WORD, _LONGEST_PATH = 1024, 128, 256
 _DECODER = json.JSONDecoder()
 
 
@@ -146,7 +150,7 @@ def _event(line: bytes) -> bytes:
 
 
 def trimmed(thing: Json) -> Json:
-    """A job, schedule or pod with what its view keeps of it; marked, where a spec is missing.
+    """A job, schedule, pod or Event with what is read of it; marked, where a spec is missing.
 
     Whatever else keeps all but most of its metadata.
     """
@@ -159,9 +163,21 @@ def trimmed(thing: Json) -> Json:
         each for each in readings.objects(meta.get("ownerReferences")) if each.get("controller")
     ]
     kept["metadata"]["ownerReferences"] = owners
-    if "spec" not in thing:  # an Event, or metadata alone
+    if "involvedObject" in thing:
+        return kept | _of_event(thing)
+    if "spec" not in thing:  # metadata alone
         return {key: value for key, value in thing.items() if key != "metadata"} | kept
     if "containers" in spec:
         volumes = [v for v in readings.objects(spec.get("volumes")) if "persistentVolumeClaim" in v]
         return kept | {"spec": {"nodeName": spec.get("nodeName"), "volumes": volumes}}
     return kept | {"spec": what_decides(spec), TRIMMED: True}
+
+
+def _of_event(event: Json) -> Json:
+    kept = {key: event[key] for key in _OF_EVENT if key in event}
+    path = readings.mapping(event["involvedObject"]).get("fieldPath")
+    return kept | {
+        "reason": str(event.get("reason") or "")[:_LONGEST_WORD],
+        "message": str(event.get("message") or "")[:_LONGEST_MESSAGE],
+        "involvedObject": {"fieldPath": str(path or "")[:_LONGEST_PATH]},
+    }
