@@ -8,7 +8,15 @@ from bagpipe_operator.jobs.driver.ending import ending_of, lost_driver
 from bagpipe_operator.jobs.troubles.casualties import casualties
 from bagpipe_operator.jobs.troubles.diagnose import troubles
 from bagpipe_operator.jobs.view import View
-from tests.unit.operator.builders import START, PodBuilder, make_driver, make_executor, make_job
+from tests.unit.operator.builders import (
+    START,
+    PodBuilder,
+    account,
+    make_driver,
+    make_executor,
+    make_job,
+)
+from tests.unit.operator.world import World
 
 EVICTION = ("EvictionByEvictionAPI", "Eviction API: evicting")
 TAINT = ("DeletionByTaintManager", "Taint manager: deleting due to NoExecute taint")
@@ -83,6 +91,50 @@ def test_a_pod_that_spark_has_deleted_still_shows_why() -> None:
     view.drop_pod(pod)
     (trouble,) = troubles(view.pods("uid-of-x"), START, view.gone_pods("uid-of-x"))
     assert trouble.reason == "ExecutorOutOfMemory"
+
+
+@pytest.mark.parametrize("executors", [9, 10, 300])
+@pytest.mark.parametrize("backoff_limit", [0, 3])
+async def test_the_account_of_a_driver_outlasts_the_executors_that_go_with_it(
+    executors: int, backoff_limit: int
+) -> None:
+    """Ten executors pushed it out: a job that was committed was run again, or had failed."""
+    world = World(make_job("x").with_spec("backoffLimit", backoff_limit))
+    await world.reconcile()
+    world.drivers.says = account()
+    others = [make_executor("x", number).running() for number in range(1, executors + 1)]
+    world.deliver(make_driver("x").running(), *others)
+    await world.reconcile()
+    done = account("Complete", verdict="Passed", cases={"planned": 4, "passed": 4})
+    driver = make_driver("x").ended(0, done)
+    world.deliver(driver)
+    for pod in (driver, *others):  # all before the next visit
+        world.api.objects.pop(("pods", pod.name))
+        world.view.drop_pod(pod.view())
+    for _ in range(3):
+        await world.reconcile(after=11)
+    status = world.status()
+    assert (status["phase"], status["verdict"], status["attempt"]) == ("Complete", "Passed", 1)
+
+
+def test_of_drivers_that_went_the_last_ones_are_remembered_one_for_each_attempt() -> None:
+    """Copies of a driver, which anybody with rights in the namespace may make, push none out."""
+    view = View()
+    view.put_job(make_job("x").view())
+
+    def goes(pod: PodBuilder) -> None:
+        view.put_pod(pod.view())
+        view.drop_pod(pod.view())
+
+    for attempt in (*range(1, 13), 12):
+        goes(make_driver("x", attempt).ended(1, f"last words of {attempt}"))
+    for number in range(20):
+        copy = make_driver("x", 12)
+        copy.name = f"copy-{number}"
+        goes(copy)
+    gone = [pod.name for pod in view.gone_pods("uid-of-x")]
+    assert gone[:10] == [f"x-{attempt}-driver" for attempt in range(3, 13)]
+    assert gone[10:] == [f"copy-{number}" for number in range(10, 20)]
 
 
 def test_only_the_last_pods_are_remembered_and_of_unfinished_jobs() -> None:

@@ -265,6 +265,24 @@ _OF_UNFINISHED = _OF_ENDED | {
 MOST_GONE_PODS = 10
 
 
+@dataclass
+class _Gone:
+    """The last pods that a job has lost. Its drivers are kept apart: an account that is left in one
+    decides, and the garbage collector deletes a driver's executors, which are many, behind it."""
+
+    drivers: dict[int, PodView] = field(default_factory=dict)  # by attempt
+    others: deque[PodView] = field(default_factory=lambda: deque(maxlen=MOST_GONE_PODS))
+
+    def add(self, pod: PodView, is_driver: bool) -> None:
+        if not is_driver:
+            self.others.append(pod)
+            return
+        self.drivers.pop(pod.attempt, None)
+        self.drivers[pod.attempt] = pod
+        if len(self.drivers) > MOST_GONE_PODS:
+            del self.drivers[next(iter(self.drivers))]
+
+
 class View:
     """All jobs by UID, the pods of each by name, and the last pods that each has lost."""
 
@@ -272,7 +290,7 @@ class View:
         self._jobs: dict[str, JobView] = {}
         # By the job that each was made for, as its label was when it was last seen.
         self._pods = KeptOnce[PodView](lambda pod: pod.job_uid)
-        self._gone: dict[str, deque[PodView]] = {}
+        self._gone: dict[str, _Gone] = {}
         # The jobs that run, or have run, in the pods that were made for another job, by its UID.
         self._guests: dict[str, set[str]] = {}
         # Of those the one that counts, with its claim's attempt, as far as it has been looked for.
@@ -457,7 +475,8 @@ class View:
 
     def gone_pods(self, job_uid: str) -> tuple[PodView, ...]:
         """The last pods of an unfinished job that were seen to go, as they were at the end."""
-        return tuple(self._gone.get(job_uid, ()))
+        gone = self._gone.get(job_uid, _Gone())
+        return (*gone.drivers.values(), *gone.others)
 
     def put_pod(self, pod: PodView) -> bool:
         """Keeps a pod unless something newer of that name is known; returns whether it is news.
@@ -480,8 +499,11 @@ class View:
         shown = self.shown(known)
         job = self._jobs.get(shown.job_uid)
         if job is not None and not job.finished and _is_of(job, shown):
-            gone = self._gone.setdefault(job.uid, deque(maxlen=MOST_GONE_PODS))
-            gone.append(replace(pod, job_uid=job.uid, job=job.name, attempt=shown.attempt))
+            went = replace(pod, job_uid=job.uid, job=job.name, attempt=shown.attempt)
+            # A copy that somebody has made of a driver has another name.
+            own = driver_name(job.name, shown.attempt, job.status)
+            is_driver = (pod.role, pod.name) == (names.ROLE_DRIVER, own)
+            self._gone.setdefault(job.uid, _Gone()).add(went, is_driver)
 
 
 def _order_of_guests(job: JobView) -> tuple[bool, str, str]:
