@@ -98,13 +98,31 @@ class Observer:
         if driver is not None:
             ending = ending_of(driver, self.now())
             if ending is None and serves(driver):
-                progress = await self.lookup.account_of(driver)
-                ending = has_ended(progress)
+                driver, progress, ending = await self._reported(driver)
         running = driver is not None and ending is None and serves(driver)
         ending = await self._excused(job, ending)
         account = ending.progress if ending else progress
         halt = halt_as_seen(halt, job, running, account, self.now())
         return await self._observation(job, attempt, driver, progress, refusal, ending, halt)
+
+    async def _reported(
+        self, driver: PodView
+    ) -> tuple[PodView | None, Progress | None, Ending | None]:
+        """The account of a driver that serves it, or the end that it reports.
+
+        That counts where its pod is there: else another may have its address, and have answered.
+        """
+        progress = await self.lookup.account_of(driver)
+        ending = has_ended(progress, driver.job_uid, driver.attempt)
+        if ending is None:
+            return driver, progress, None
+        live = await self.lookup.refreshed(driver)
+        if live is None:
+            return None, None, lost_driver(driver.namespace, driver.name, driver)
+        shown = ending_of(live, self.now())
+        if shown is None and serves(live) and live.ip == driver.ip:
+            return live, progress, ending
+        return live, None, shown
 
     async def _excused(self, job: JobView, ending: Ending | None) -> Ending | None:
         """Not counted where the job that this one's pods were made for was deleted, and they with

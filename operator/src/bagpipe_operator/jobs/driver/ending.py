@@ -60,11 +60,15 @@ def refused(reason: str, error: Exception) -> Ending:
     return Ending(False, reason, str(error))
 
 
-def has_ended(progress: Progress | None) -> Ending | None:
-    """The end of a job whose driver waits for another one, as that one's account says."""
+def has_ended(progress: Progress | None, uid: str, attempt: int) -> Ending | None:
+    """The end of a job whose driver waits for another one, as that one's account says.
+
+    It must name the job and the attempt: every driver that waits does, and what names none may be
+    another pod's that has the driver's address by now.
+    """
     if progress is None or not progress.ended or progress.phase != "Complete":
         return None
-    return _completed(progress)
+    return _completed(progress) if progress.is_of(uid, attempt) else None
 
 
 def _completed(progress: Progress) -> Ending:

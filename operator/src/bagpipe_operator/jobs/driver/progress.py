@@ -124,7 +124,12 @@ class Progress(_Model):
     comparisons: Annotated[list[VariantComparison], BeforeValidator(_first_comparisons)] = []
 
     def is_of(self, uid: str, attempt: int) -> bool:
-        """Whether it may be of that attempt of the job with that UID."""
+        """Whether it may be of that attempt of the job with that UID.
+
+        What says that it has ended and waits must name them: no earlier release's driver waits.
+        """
+        if self.ended:
+            return (self.uid, self.attempt) == (uid, attempt)
         return self.uid in {"", uid} and self.attempt in {0, attempt}
 
     def as_status(self) -> Json:
@@ -137,6 +142,11 @@ class Progress(_Model):
             "failures": [failure.model_dump() for failure in self.failures],
             "comparisons": [comparison.model_dump() for comparison in self.comparisons],
         }
+
+
+def _goes_on(before: Progress | None, now: Progress, whose: tuple[str, int]) -> bool:
+    """Whether an account may be of a driver's: one that has named its job does so each time."""
+    return now.is_of(*whose) and (before is None or not before.uid or bool(now.uid))
 
 
 def parse(text: str | bytes) -> Progress | None:
@@ -222,7 +232,7 @@ class ProgressReader:
             progress = await self._ask(answer.ip)
         finally:
             answer.is_asked = False
-        if progress is not None and not progress.is_of(*whose):
+        if progress is not None and not _goes_on(answer.progress, progress, whose):
             # The pod is gone, the watch does not know it yet, and another has its address.
             logger.info("%s answers for job %s, not for %s", answer.ip, progress.uid, whose[0])
             progress = None

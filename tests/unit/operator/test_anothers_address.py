@@ -1,0 +1,106 @@
+"""A driver's pod is gone, the watch does not say so yet, and another pod has its address."""
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Any
+
+import pytest
+from aiohttp import web
+
+from tests.unit.operator.builders import account, make_driver
+from tests.unit.operator.test_progress import driver
+from tests.unit.operator.world import UID, World
+
+MINE: dict[str, Any] = {"uid": UID, "attempt": 1}
+PASSED: dict[str, Any] = {"verdict": "Passed", "cases": {"planned": 4, "passed": 4}}
+
+
+@asynccontextmanager
+async def answered(*bodies: str) -> AsyncIterator[World]:
+    """A job whose driver runs at an address that gives these answers, the last one again."""
+    left = list(bodies)
+
+    async def handler(_: web.Request) -> web.Response:
+        return web.Response(text=left[0] if len(left) == 1 else left.pop(0))
+
+    async with driver(handler) as reader:
+        world = World()
+        await world.reconcile()
+        world.restart(drivers=reader)
+        world.deliver(make_driver("x").running(ip="127.0.0.1"))
+        yield world
+
+
+@pytest.mark.parametrize("whose", [{}, {"uid": UID}, {"attempt": 1}, MINE])
+async def test_an_end_that_another_reports_from_a_driver_s_address_is_none(
+    whose: dict[str, Any],
+) -> None:
+    """Whatever it knows of the job: its driver's pod is asked for."""
+    async with answered(account("Complete", ended=True, **PASSED, **whose)) as world:
+        world.api.objects.pop(("pods", "x-1-driver"))
+        await world.reconcile()
+        assert world.status()["phase"] != "Complete"
+        assert world.status().get("verdict") is None
+        assert world.reason("Passed").startswith("Unknown/")
+
+
+async def test_an_end_that_is_reported_while_the_pod_is_there_counts_once_it_names_the_job() -> (
+    None
+):
+    async with answered(account("Complete", ended=True, **PASSED, **MINE)) as world:
+        await world.reconcile()
+        assert (world.status()["phase"], world.reason("Passed")) == ("Complete", "True/Passed")
+        assert world.api.calls.count("get pods") == 1
+
+
+async def test_an_end_without_a_name_is_not_believed_while_the_pod_is_there() -> None:
+    """No driver of an earlier release says that it has ended and waits: it ends its pod."""
+    async with answered(account("Complete", ended=True, **PASSED)) as world:
+        await world.reconcile()
+        assert world.status()["phase"] != "Complete"
+        world.deliver(make_driver("x").ended(0, account("Complete", **PASSED)))
+        await world.reconcile()
+        assert (world.status()["phase"], world.reason("Passed")) == ("Complete", "True/Passed")
+
+
+async def test_the_end_that_the_pod_shows_is_the_one_that_counts() -> None:
+    async with answered(account("Complete", ended=True, **PASSED, **MINE)) as world:
+        failed = account("Failed", reason="StorageUnwritable", message="No room.", **MINE)
+        world.api.put("pods", make_driver("x").ended(1, failed).object())
+        await world.reconcile()
+        assert world.reason("Failed") == "True/StorageUnwritable"
+
+
+async def test_an_end_from_the_address_that_the_driver_had_before_counts_for_nothing() -> None:
+    async with answered(account("Complete", ended=True, **PASSED, **MINE)) as world:
+        world.api.put("pods", make_driver("x").running(ip="127.0.0.9").object())
+        await world.reconcile()
+        assert (world.status()["phase"], world.status()["attempt"]) == ("Planning", 1)
+
+
+async def test_a_driver_that_has_named_its_job_does_so_each_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Else another's account without a name would be that of an earlier release's driver."""
+    monkeypatch.setattr("bagpipe_operator.jobs.driver.progress.LEAST_INTERVAL_SECONDS", 0.0)
+    forged = account(cases={"planned": 9, "passed": 9})
+    async with answered(account(**MINE), forged) as world:
+        for _ in range(2):
+            await world.reconcile(after=30)
+            assert world.status()["cases"]["planned"] == 4
+
+
+async def test_the_account_of_an_earlier_release_s_driver_is_shown_until_its_pod_ends(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It names no job: an operator that is upgraded meets such drivers."""
+    monkeypatch.setattr("bagpipe_operator.jobs.driver.progress.LEAST_INTERVAL_SECONDS", 0.0)
+    done = account("Complete", **PASSED)
+    async with answered(account(), done) as world:
+        await world.reconcile()
+        assert (world.status()["phase"], world.status()["cases"]["passed"]) == ("Running", 1)
+        await world.reconcile(after=30)
+        assert (world.status()["phase"], world.status()["cases"]["passed"]) == ("Running", 4)
+        world.deliver(make_driver("x").ended(0, done))
+        await world.reconcile()
+        assert (world.status()["phase"], world.reason("Passed")) == ("Complete", "True/Passed")
