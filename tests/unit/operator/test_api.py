@@ -118,13 +118,13 @@ async def test_a_hundred_large_events_about_a_pod_take_the_memory_of_a_few() -> 
         tracemalloc.start()
         try:
             found = await api.events_of("lanes", "p")
-            kept, peak = tracemalloc.get_traced_memory()
+            peak = tracemalloc.get_traced_memory()[1]
         finally:
             tracemalloc.stop()
     assert len(found) == 100
     assert {len(json.dumps(event)) for event in found} < {*range(1_500)}
-    # Of a page the server's text, its bytes, and here the bytes and the text, and some more.
-    assert (kept < 10 * size, peak < 40 * size) == (True, True)
+    # Of a page the server's text and its bytes, and here the bytes and the text, twice at most.
+    assert peak < 50 * size
 
 
 async def test_events_without_end_have_the_time_of_one_call() -> None:
@@ -193,10 +193,52 @@ NOT_SERVED = (
 )
 
 
-@pytest.mark.parametrize(("status", "answer"), [(404, GONE), (409, {"kind": "Status"})])
+def conflict(why: str) -> Json:
+    message = f'Operation cannot be fulfilled on Pod "p": {why}'
+    return {"kind": "Status", "reason": "Conflict", "code": 409, "message": message}
+
+
+# As Kubernetes 1.34 writes it before it deletes, and while it does.
+ANOTHERS = (
+    conflict(
+        "the UID in the precondition (uid-of-p) does not match the UID in record (another). The "
+        "object might have been deleted and then recreated"
+    ),
+    conflict(
+        "StorageError: invalid object, Code: 4, Key: /registry/pods/lanes/p, AdditionalErrorMsg: "
+        "Precondition failed: UID in precondition: uid-of-p, UID in object meta: another"
+    ),
+)
+DENIED = (
+    'admission webhook "pods.example" denied the request: a backup of this pod is running',
+    'admission webhook "pods.example" denied the request: the UID in the precondition (uid-of-p)',
+)
+
+
+@pytest.mark.parametrize(
+    ("status", "answer"), [(404, GONE), *((409, another) for another in ANOTHERS)]
+)
 async def test_deleting_what_is_gone_is_no_error_and_is_reported(status: int, answer: Json) -> None:
     async with server(Recorder((status, answer)).answer) as api:
         assert await api.delete_pod("lanes", "p", "uid-of-p") is False
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        *({"kind": "Status", "reason": "Conflict", "message": message} for message in DENIED),
+        conflict("the object has been modified"),
+        conflict("the UID in the precondition (uid-of-q) does not match the UID in record (p)"),
+        {"kind": "Status"},
+    ],
+)
+async def test_another_conflict_does_not_say_that_what_is_deleted_is_gone(answer: Json) -> None:
+    """A pod that runs was forgotten where a webhook denied its deletion with that code."""
+    async with server(Recorder((409, answer)).answer) as api:
+        with pytest.raises(ApiError, match="409"):
+            await api.delete_pod("lanes", "p", "uid-of-p")
+        with pytest.raises(ApiError, match="409"):
+            await api.delete_job("lanes", "p", "uid-of-p")
 
 
 async def test_what_is_there_is_got_and_what_is_gone_is_none() -> None:

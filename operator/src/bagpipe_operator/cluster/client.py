@@ -56,6 +56,16 @@ class ApiError(Exception):
         taken = self.status == 409 and self.reason == "AlreadyExists"
         return taken and not self.webhook_denies
 
+    def is_anothers(self, uid: str) -> bool:
+        """Whether the object is not the one with that UID; any other conflict, as by a webhook's
+        denial, says nothing of it."""
+        another = (f"the UID in the precondition ({uid})", f"UID in precondition: {uid},")
+        return (
+            self.status == 409
+            and self.message.startswith("Operation cannot be fulfilled on ")
+            and any(words in self.message for words in another)
+        )
+
     @property
     def quota_is_full(self) -> bool:
         """Whether the namespace's quota has no room at present."""
@@ -349,8 +359,8 @@ class KubernetesApi:
         try:
             await self._call("DELETE", f"{path}?{self._until()}", options)
         except ApiError as error:
-            # 409: another object has taken the name. Either way this one is gone.
-            if error.status != 409 and not error.is_gone(path.rpartition("/")[2]):
+            # Another object may have taken the name. Either way this one is gone.
+            if not error.is_anothers(uid) and not error.is_gone(path.rpartition("/")[2]):
                 raise
             return False
         return True
