@@ -258,6 +258,17 @@ async def test_a_pod_that_was_made_all_the_same_leaves_no_job_that_waits() -> No
     assert world.reconciler._starts._refusals._held == {}
 
 
+async def test_a_pod_of_the_trial_s_name_is_nothing_against_the_job() -> None:
+    """The name is looked at last, when all that judges pods has let it pass: 100 minutes of silence
+    were the answer to a pod that somebody had called so."""
+    world = World()
+    taken = ApiError(409, "AlreadyExists", 'pods "x-1-exec-trial" already exists')
+    world.api.fail("try pods", taken)
+    await world.reconcile()
+    assert world.status()["phase"] == "Pending"
+    assert world.api.named("pods") == ["x-1-driver"]
+
+
 async def test_a_webhook_that_can_t_be_tried_keeps_no_job_from_its_driver() -> None:
     world = World()
     text = 'admission webhook "pods.example" does not support dry run'

@@ -26,6 +26,7 @@ from tests.unit.operator.builders import Clock, account
 from tests.unit.operator.fakes import FakeDrivers
 from tests.waiting import PATIENCE, wait_until
 
+A_CONTAINER = {"name": "c", "image": "example/none:1"}
 WATCHED = Path(__file__).with_name("watched_operator.py")
 
 
@@ -141,6 +142,21 @@ async def test_a_late_end_of_a_namesake_does_not_end_a_healthy_driver(
     assert admin.get(path)["metadata"]["uid"] == healthy
     status = statuses(admin, namespace)["x"]
     assert (status["phase"], status["attempt"], status["driver"]) == ("Pending", 1, "x-1-driver")
+
+
+async def test_a_pod_that_has_another_s_name_keeps_neither_a_deletion_nor_a_start(
+    admin: Client, namespace: str, installation: Installation
+) -> None:
+    """What the API server answers about the UID that was asked for, and about the trial's name."""
+    create_jobs(admin, namespace, ["x"])
+    pod = {"metadata": {"name": "x-1-exec-trial"}, "spec": {"containers": [A_CONTAINER]}}
+    there = admin.create(core(namespace, "pods"), pod)["metadata"]["uid"]
+    async with as_operator(installation) as api:
+        await Behind(api, admin.get(jobs(namespace, "x"))).reconcile()
+        assert statuses(admin, namespace)["x"]["driver"] == "x-1-driver"
+        assert await api.delete_pod(namespace, "x-1-exec-trial", "uid-of-another") is False
+        assert admin.get(core(namespace, "pods", "x-1-exec-trial"))["metadata"]["uid"] == there
+        assert await api.delete_pod(namespace, "x-1-exec-trial", there) is True
 
 
 async def test_a_driver_that_the_watch_has_not_reported_is_looked_for_before_it_is_lost(

@@ -69,11 +69,12 @@ def check_allowed(spec: SimulationJobSpec, settings: Settings) -> None:
 
 
 async def _try_executor(api: Api, job: JobView, pod: Json) -> Refusal | None:
-    """Has an executor judged. A quota without room for one now may have some by then."""
+    """Has an executor judged. A quota without room for one now may have some by then, and a pod
+    of the trial's name, which comes last, is no name that Spark gives."""
     try:
         await api.try_create("pods", pod)
     except ApiError as error:
-        if error.quota_is_full or error.webhook_is_not_tried:
+        if error.quota_is_full or error.webhook_is_not_tried or error.name_is_taken:
             return None
         return _refused(error, job, "an executor's pod")
     return None
