@@ -118,13 +118,18 @@ def test_what_views_keep_of_a_large_object_is_what_they_keep_of_all_of_it() -> N
 
     pod = make_driver("x").running().object()
     claim = {"name": "v", "persistentVolumeClaim": {"claimName": "results"}}
-    pod["metadata"]["annotations"] = {"a": "x" * TRIMMED_FROM}
+    # Without its shape the pool would not know that a large driver waits, and would end it.
+    shape = {names.ANNOTATION_SHAPE: "ab" * 32}
+    pod["metadata"]["annotations"] = shape | {"a": "x" * TRIMMED_FROM}
     pod["spec"] = {"nodeName": "n", "containers": [{"env": ["x"] * TRIMMED_FROM}],
                    "volumes": [{"name": "e", "emptyDir": {}}, claim]}  # fmt: skip
     (read,) = read_whole(listed(pod))["items"]
     assert PodView.from_object(read) == PodView.from_object(pod)
     assert PodView.from_object(read).claims == ("results",)
+    assert PodView.from_object(read).shape == "ab" * 32
     assert len(json.dumps(read)) < 2_000
+    pod["metadata"]["annotations"] = {names.ANNOTATION_SHAPE: "x" * TRIMMED_FROM}
+    assert "annotations" not in read_whole(listed(pod))["items"][0]["metadata"]
 
 
 def test_of_a_large_event_what_is_read_is_kept_and_its_texts_are_cut() -> None:

@@ -163,6 +163,8 @@ def trimmed(thing: Json) -> Json:
         each for each in readings.objects(meta.get("ownerReferences")) if each.get("controller")
     ]
     kept["metadata"]["ownerReferences"] = owners
+    if shape := _shape(meta):
+        kept["metadata"]["annotations"] = {names.ANNOTATION_SHAPE: shape}
     if "involvedObject" in thing:
         return kept | _of_event(thing)
     if "spec" not in thing:  # metadata alone
@@ -171,6 +173,12 @@ def trimmed(thing: Json) -> Json:
         volumes = [v for v in readings.objects(spec.get("volumes")) if "persistentVolumeClaim" in v]
         return kept | {"spec": {"nodeName": spec.get("nodeName"), "volumes": volumes}}
     return kept | {"spec": what_decides(spec), TRIMMED: True}
+
+
+def _shape(meta: Json) -> str:
+    """Of a driver that waits for another job: without it, its pool would end it."""
+    shape = str(readings.mapping(meta.get("annotations")).get(names.ANNOTATION_SHAPE) or "")
+    return shape if len(shape) <= _LONGEST_WORD else ""
 
 
 def _of_event(event: Json) -> Json:
