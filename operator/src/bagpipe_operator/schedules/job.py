@@ -60,3 +60,13 @@ def name_taken(name: str, namespace: str) -> Refused:
         f"the job {name} exists in namespace {namespace} and does not belong to this schedule. "
         "Delete it, or give the schedule another name.",
     )
+
+
+def too_many(schedule: str, namespace: str, most: int) -> Refused:
+    """Nobody can know whether the run has a job, or what it would replace."""
+    return Refused(
+        reasons.CREATION_REFUSED,
+        f"more than {most:,} jobs in namespace {namespace} have the label "
+        f"{names.LABEL_SCHEDULE}={schedule}, and no more are looked at before a run is started: "
+        "delete those that the schedule did not make.",
+    )

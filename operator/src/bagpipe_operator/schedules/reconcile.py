@@ -20,7 +20,7 @@ from bagpipe_operator.cluster.write_turns import WriteTurns
 from bagpipe_operator.schedules import events
 from bagpipe_operator.schedules.alarms import Alarms
 from bagpipe_operator.schedules.decide import Decision, Verdict, decide, time_zone_of
-from bagpipe_operator.schedules.job import job_manifest, name_taken, refusal_of
+from bagpipe_operator.schedules.job import job_manifest, name_taken, refusal_of, too_many
 from bagpipe_operator.schedules.metrics import ScheduleMetrics
 from bagpipe_operator.schedules.removal import Deleter, JobRemoval
 from bagpipe_operator.schedules.status import Outcome, Refused, notes_of, status_of
@@ -32,6 +32,9 @@ logger = logging.getLogger(__name__)
 # A run that waits for a job asks this often whether it is still there: a deletion that falls
 # between two watches is reported by no event.
 LIST_EVERY = timedelta(seconds=30)
+# A schedule keeps 200 that have ended. Anybody may give others its label, and each list would hold
+# one of the workers of all schedules for as long as they are read.
+MOST_LISTED = 1000
 # An API server that answers late writes late; older ones it has given up.
 MOST_UNANSWERED = 3
 
@@ -45,8 +48,8 @@ class ScheduleApi(Deleter, Creator, Protocol):
     async def try_job(self, manifest: Json) -> None:
         """Has a SimulationJob judged as if it were created; nothing is kept."""
 
-    async def list_jobs(self, namespace: str, label: str) -> list[Json]:
-        """The SimulationJobs with a label, written `key=value`."""
+    async def list_jobs(self, namespace: str, label: str, most: int | None = None) -> list[Json]:
+        """The SimulationJobs with a label, written `key=value`; not more than `most`."""
 
     async def get_schedule(self, namespace: str, name: str) -> Json:
         """One SimulationSchedule."""
@@ -80,6 +83,7 @@ class ScheduleReconciler:
     metrics: ScheduleMetrics
     now: Callable[[], datetime]
     _listed: dict[str, datetime] = field(default_factory=dict)
+    _crowded: set[str] = field(default_factory=set)  # those with more than MOST_LISTED
     _unanswered: dict[str, list[_Write]] = field(default_factory=dict)
     _zones: Zones = field(default_factory=Zones)
     # One at a time, and one more beside another namespace's that is slow, as behind a webhook.
@@ -127,6 +131,7 @@ class ScheduleReconciler:
         if schedule is None or schedule.deleting:
             self.alarms.forget(uid)
             self._listed.pop(uid, None)  # its jobs go by their ownerReferences
+            self._crowded.discard(uid)
             self._unanswered.pop(uid, None)
             self._recorder.forget(uid)
             self._removal.forget(uid)
@@ -146,10 +151,16 @@ class ScheduleReconciler:
         return await self._reread(schedule)
 
     async def _list(self, schedule: ScheduleView) -> None:
-        label = f"{names.LABEL_SCHEDULE}={schedule.name}"
-        found = await self.api.list_jobs(schedule.namespace, label)
-        self.view.replace_jobs(schedule.uid, [ScheduledJob.from_object(job) for job in found])
-        self._listed[schedule.uid] = self.now()
+        """Takes over what the API server has, unless that is too much: then what the watch has
+        brought stays, and no run is started."""
+        label, uid = f"{names.LABEL_SCHEDULE}={schedule.name}", schedule.uid
+        found = await self.api.list_jobs(schedule.namespace, label, MOST_LISTED + 1)
+        self._listed[uid] = self.now()
+        if len(found) > MOST_LISTED:
+            self._crowded.add(uid)
+            return
+        self._crowded.discard(uid)
+        self.view.replace_jobs(uid, [ScheduledJob.from_object(job) for job in found])
 
     async def _reread(self, schedule: ScheduleView) -> ScheduleView | None:
         """The schedule from the API server; None when it is gone."""
@@ -172,7 +183,9 @@ class ScheduleReconciler:
         """Starts the run that is due, if one is to be started."""
         started, refused = "", None
         if decision.verdict is Verdict.START and decision.run is not None:
-            if decision.replaced:
+            if schedule.uid in self._crowded:
+                refused = too_many(schedule.name, schedule.namespace, MOST_LISTED)
+            if refused is None and decision.replaced:
                 async with self._turn(schedule):
                     refused = await self._tried(schedule, decision.run)
             if refused is None:
