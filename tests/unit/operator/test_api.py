@@ -199,7 +199,7 @@ def conflict(why: str) -> Json:
 
 
 # As Kubernetes 1.34 writes it before it deletes, and while it does.
-ANOTHERS = (
+NOT_THIS_ONE = (
     conflict(
         "the UID in the precondition (uid-of-p) does not match the UID in record (another). The "
         "object might have been deleted and then recreated"
@@ -216,7 +216,7 @@ DENIED = (
 
 
 @pytest.mark.parametrize(
-    ("status", "answer"), [(404, GONE), *((409, another) for another in ANOTHERS)]
+    ("status", "answer"), [(404, GONE), *((409, another) for another in NOT_THIS_ONE)]
 )
 async def test_deleting_what_is_gone_is_no_error_and_is_reported(status: int, answer: Json) -> None:
     async with server(Recorder((status, answer)).answer) as api:

@@ -127,7 +127,7 @@ def test_of_drivers_that_went_the_last_ones_are_remembered_one_for_each_attempt(
         view.drop_pod(pod.view())
 
     for attempt in (*range(1, 13), 12):
-        goes(make_driver("x", attempt).ended(1, f"last words of {attempt}"))
+        goes(make_driver("x", attempt).ended(1, f"final message of {attempt}"))
     for number in range(20):
         copy = make_driver("x", 12)
         copy.name = f"copy-{number}"
