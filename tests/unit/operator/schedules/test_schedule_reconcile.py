@@ -332,7 +332,7 @@ async def test_what_is_refused_replaces_nothing() -> None:
 
 @pytest.mark.parametrize("status", [404, 409, 429, 500, 504])
 async def test_what_a_webhook_denies_replaces_nothing_whatever_code_it_chose(status: int) -> None:
-    """With 409 the job that ran was deleted, none was made, and the status said that it was."""
+    """With 409 the job that ran was deleted, none was made, and the status named it as made."""
     words = 'admission webhook "jobs.example" denied the request: frozen'
     world = World(concurrencyPolicy="Replace")
     await world.at(1)
