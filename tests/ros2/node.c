@@ -11,6 +11,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #ifdef WITHOUT_TRACEPOINTS
 #define TRACE(call) ((void)0)
@@ -283,10 +284,23 @@ static void call_timer(void) {
   TRACE(ros_trace_callback_end(&asked.timer));
 }
 
+/* Whether its publishers know as many subscriptions as it waits for. */
+static bool is_known(void) {
+  size_t all = 0, of_one;
+  for (int one = 0; one < asked.publishers; one++) {
+    if (rmw_publisher_count_matched_subscriptions(publishers[one].rmw, &of_one) != RMW_OK) fail("no count");
+    all += of_one;
+  }
+  return all >= asked.knows;
+}
+
 static void *talk(void *unused) {
   (void)unused;
+  while (!ending && !is_known()) sleep_us(1000);
   say_on_all(asked.burst);
-  while (!ending && asked.every_us > 0) {
+  while (!ending && asked.goes_on[0] != 0 && access(asked.goes_on, F_OK) != 0) sleep_us(1000);
+  for (uint64_t said = asked.burst; !ending && asked.every_us > 0; said++) {
+    if (asked.in_all > 0 && said >= asked.in_all) break;
     sleep_us(asked.every_us);
     asked.timer == 0 ? say_on_all(1) : call_timer();
   }

@@ -51,8 +51,8 @@ struct asked {
   bool sim_time, overlaps, within, wakeful;
   int timer; /* the clock of the timer by which it publishes, or 0: a thread does */
   uint64_t delay_us, spins_late_us, first_us, die_after, drop_every, renew_every, apart_us, answers, burst, every_us,
-      doze_every, answers_from, answer_bytes, loses, returns_us;
-  char counts[512], awaits[256];
+      doze_every, answers_from, answer_bytes, loses, returns_us, in_all, knows;
+  char counts[512], awaits[256], goes_on[256];
   int life; /* the state in which its life cycle begins, or 0: it has none */
   uint64_t leave_after, ends_after, awaits_at;
 };

@@ -53,6 +53,9 @@ static const char usage[] =
     "--origins gid|none     messages have their publisher as other middlewares give it, or not at all\n"
     "--burst N              Strings at once on each publisher that no relay has\n"
     "--every-us N           and then one after the other, by a thread outside of callbacks\n"
+    "--in-all N             no more of these than so many on each\n"
+    "--knows N              none of them before its publishers know so many subscriptions, together\n"
+    "--goes-on FILE         after the burst none before FILE is there\n"
     "--timer wall|ros       in callbacks of a timer of the machine's clock, or of ROS' simulated time\n"
     "--life-cycle STATE     has one, which begins inactive or active and goes on by SIGUSR1\n"
     "--leave-after N        is made inactive in the callback of the Nth message of a topic\n"
@@ -178,6 +181,9 @@ static void value(const char *option, const char *text) {
   else if (!strcmp(option, "--fails-with")) asked.fails_with = atoi(text);
   else if (!strcmp(option, "--burst")) asked.burst = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--every-us")) asked.every_us = strtoull(text, NULL, 10);
+  else if (!strcmp(option, "--in-all")) asked.in_all = strtoull(text, NULL, 10);
+  else if (!strcmp(option, "--knows")) asked.knows = strtoull(text, NULL, 10);
+  else if (!strcmp(option, "--goes-on")) snprintf(asked.goes_on, sizeof asked.goes_on, "%s", text);
   else if (!strcmp(option, "--timer"))
     asked.timer = !strcmp(text, "wall") ? CLOCK_STEADY_TIME : CLOCK_ROS_TIME;
   else if (!strcmp(option, "--returns-us")) asked.returns_us = strtoull(text, NULL, 10);

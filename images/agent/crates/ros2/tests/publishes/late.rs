@@ -1,23 +1,18 @@
 //! Who comes late, and who subscribes again: what is kept for it, and given to it, hides no loss of what is
 //! played from then on, and each subscription goes on where the one was whose place it takes.
 
-use std::collections::BTreeMap;
 use std::time::Duration;
 
 use bagpipe_replay::{Ledger, LedgerSubscriber, Mode, Progress, Replayed, Stage, Strength};
 use bagpipe_ros2ledger::{Counts, Endpoint, Kind};
 
-use crate::scene::{Ask, DEFAULT, MS, Scene, recorded, recording_of, stamped};
-use crate::standin::{Node, hash};
+use crate::scene::{self, Ask, DEFAULT, MS, Scene, recording_of};
+use crate::standin::{Node, eventually};
 use crate::{LATCHED, RELIABLE, counts, late_queue, line, queue, start_lane_of, strings, whole};
 
 /// The number of the message that each answer is to, in the order of their coming.
 fn answered_numbers(replayed: &Replayed, messages: u64) -> Vec<u64> {
-    let stamped = |number| stamped((1000 + number) * MS, number, 60);
-    let numbers: BTreeMap<String, u64> =
-        (0..messages).map(|number| (format!("{:016x}", hash(&stamped(number))), number)).collect();
-    let number = |answer: &[u8]| numbers[str::from_utf8(&answer[8..24]).unwrap()];
-    recorded(replayed).iter().map(|(_, _, answer)| number(answer)).collect()
+    scene::answered_numbers(replayed, messages, 60)
 }
 
 /// How many of them are behind all before them.
@@ -211,6 +206,8 @@ fn what_is_kept_for_a_node_that_comes_late_hides_no_loss_of_what_is_played_from_
         match (&lane, stopped) {
             (None, _) if progress.stage == Stage::Play && of("/first").taken >= 200 => {
                 lane = Some(start_lane_of(&scene, &late_queue("400"), &[]));
+                // Nothing goes out meanwhile: what it is given first is what was kept.
+                eventually(|| of("/lane").taken > 0);
             }
             (Some(node), None) if of("/lane").taken_own >= 50 => {
                 node.signal("STOP");
@@ -244,9 +241,10 @@ fn a_node_that_comes_during_the_lead_in_by_the_clock_lacks_nothing_of_the_window
     let _first = scene.start("standin_node", &["--name", "/first", "--sub", &queue("5000")]);
     let mut lane = None;
     let mut seen = |_: Progress| {
-        let begun = || counts(&scene, Kind::Subscription, "/first", "/in").taken >= 200;
-        if lane.is_none() && begun() {
+        let taken = |node| counts(&scene, Kind::Subscription, node, "/in").taken;
+        if lane.is_none() && taken("/first") >= 200 {
             lane = Some(start_lane_of(&scene, &late_queue("1000"), &[]));
+            eventually(|| taken("/lane") > 0);
         }
     };
     let drain = Duration::from_secs(2);

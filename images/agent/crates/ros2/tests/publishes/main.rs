@@ -22,6 +22,7 @@ use std::time::Duration;
 use bagpipe_log::Connection;
 use bagpipe_replay::{Ledger, Mode, Progress, Replayed, Stage, Strength};
 use bagpipe_ros2ledger::{Counts, Endpoint, Kind};
+use bagpipe_ros2player::{GraphNode, Player};
 use scene::{Ask, DEFAULT, Scene, imu, recorded, recording, recording_of};
 use standin::{Node, eventually};
 
@@ -88,21 +89,69 @@ fn losing_midway(node: &Node) -> impl FnMut(Progress) {
     }
 }
 
+/// Whether an endpoint of a node has matched one other.
+fn has_met(scene: &Scene, node: &str) -> bool {
+    let all = scene.ledger.endpoints().unwrap();
+    all.iter().any(|one| one.node == node && one.matched == Some(1))
+}
+
+/// A topic that is recorded, which a node publishes besides.
+const OUT_OTHER: &str = "/out_other:std_msgs/msg/String:10:reliable";
+
+/// Waits until the recorder subscribes to that: in a look behind the one that found its publisher, and with
+/// that whatever the node had published before.
+fn await_known(scout: &Player) {
+    let is_recorder = |one: &GraphNode| one.name.starts_with("/bagpipe_player_");
+    let subscribes = |one: &GraphNode| one.subscribes.iter().any(|of| of.0 == "/out_other");
+    eventually(|| scout.graph().unwrap().iter().any(|one| is_recorder(one) && subscribes(one)));
+}
+
 /// Plays messages by the clock, and when that begins a node that does not count publishes as well.
 fn beside_who_begins_uncounted(scene: &Scene) -> Replayed {
     let mut other = None;
     let looks = scene.graph.player();
-    let is_there = || looks.graph().unwrap().iter().any(|node| node.name == "/other");
     let mut seen = |progress: Progress| {
         if progress.stage == Stage::Play && other.is_none() {
             let queue = queue("1000");
-            let words = ["--name", "/other", "--pub", &queue, "--burst", "1"];
+            let words = ["--name", "/other", "--pub", &queue, "--pub", OUT_OTHER, "--burst", "1"];
             other = Some(scene.start_uncounted("standin_node", &words));
-            eventually(is_there);
+            // The play may end before the next look.
+            await_known(&looks);
         }
     };
     let ask = Ask { mode: Mode::Realtime, drain: Duration::from_secs(2), ..DEFAULT };
     scene.play_while(&recording_of(&strings(RELIABLE), 700, 60), &ask, &mut seen).unwrap()
+}
+
+/// Plays messages to a node that has a queue of ten, beside one that publishes one before the play and five
+/// in it: so many find room behind as many of ours, however long the node takes nothing.
+fn beside_five_of_another(scene: &Scene, counted: bool, mode: Mode, messages: u64) -> Replayed {
+    let (queue, goes_on) = (queue("1000"), scene.file("goes-on"));
+    let paces = ["--knows", "1", "--burst", "1", "--every-us", "50000", "--in-all", "6"];
+    let other = ["--name", "/other", "--pub", &queue, "--goes-on", goes_on.to_str().unwrap()];
+    let other = [&other[..], &paces].concat();
+    let _other = match counted {
+        true => scene.start("standin_node", &other),
+        false => {
+            scene.start_uncounted("standin_node", &[&other[..], &["--pub", OUT_OTHER]].concat())
+        }
+    };
+    let taken = || counts(scene, Kind::Subscription, "/lane", "/in");
+    eventually(|| taken().taken == 1);
+    let looks = scene.graph.player();
+    let mut seen = |progress: Progress| {
+        if progress.stage == Stage::Play && !goes_on.exists() {
+            // Of who does not count it is known by a look that it publishes.
+            if !counted {
+                await_known(&looks);
+            }
+            std::fs::write(&goes_on, "").unwrap();
+        }
+    };
+    let played = recording_of(&strings(RELIABLE), messages, 60);
+    let replayed = scene.play_while(&played, &Ask { mode, ..DEFAULT }, &mut seen).unwrap();
+    eventually(|| taken().taken - taken().taken_own == 6);
+    replayed
 }
 
 /// What a node has done on a topic.

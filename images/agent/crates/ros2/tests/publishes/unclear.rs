@@ -10,8 +10,8 @@ use bagpipe_ros2ledger::Kind;
 use crate::scene::{Ask, DEFAULT, Scene, recording_of};
 use crate::standin::eventually;
 use crate::{
-    RELIABLE, answered, beside_who_begins_uncounted, counts, line, queue, start_lane, start_other,
-    strings, whole,
+    RELIABLE, answered, beside_five_of_another, beside_who_begins_uncounted, counts, line, queue,
+    start_lane, start_other, strings, whole,
 };
 
 const NONE: [&str; 2] = ["--origins", "none"];
@@ -79,13 +79,12 @@ fn what_one_lost_that_came_late_is_waited_for_once() {
 
 #[test]
 fn messages_with_their_publishers_gid_are_as_exact_as_those_with_a_handle() {
-    let scene = Scene::new();
-    let _lane = start_lane(&scene, "10", &["--origins", "gid"]);
-    let _other = start_other(&scene, &["--every-us", "20000"]);
-    scene.await_offered("/in", 5);
     for mode in [Mode::Max, Mode::Lockstep] {
-        let ask = Ask { mode, drain: Duration::from_secs(5), ..DEFAULT };
-        let replayed = scene.play(&recording_of(&strings(RELIABLE), 50, 60), &ask).unwrap();
+        let scene = Scene::new();
+        // Slow enough for the other's to come in between.
+        let lane = ["--origins", "gid", "--delay-us", "6000"];
+        let _lane = start_lane(&scene, "10", &lane);
+        let replayed = beside_five_of_another(&scene, true, mode, 50);
         assert_eq!(line(&replayed.ledger), whole(50), "{mode:?}");
     }
 }

@@ -9,8 +9,9 @@ use bagpipe_ros2ledger::Kind;
 use crate::scene::{Ask, DEFAULT, RELAY, Scene, recording, recording_of};
 use crate::standin::eventually;
 use crate::{
-    LATCHED, OUT, RELIABLE, answered, beside_who_begins_uncounted, counts, late_queue, line,
-    start_keeping, start_lane, start_lane_of, start_other, strings, whole,
+    LATCHED, OUT, RELIABLE, answered, beside_five_of_another, beside_who_begins_uncounted, counts,
+    has_met, late_queue, line, start_keeping, start_lane, start_lane_of, start_other, strings,
+    whole,
 };
 
 /// Plays messages of /in while another node of the stack publishes it, each of its calls returning so
@@ -73,6 +74,8 @@ fn while_at_other_work(scene: &Scene, microseconds: &str) -> Replayed {
     let _other =
         scene.start("standin_node", &["--name", "/other", "--pub", queue, "--burst", "10"]);
     scene.await_published("/in", 10);
+    // What it keeps is on its way to the node once it knows it, before the first one of ours.
+    eventually(|| has_met(scene, "/other"));
     let qos = LATCHED.replace("100", "10");
     let ask = Ask { mode: Mode::Max, ..DEFAULT };
     scene.play(&recording_of(&strings(&qos), 50, 60), &ask).unwrap()
@@ -138,32 +141,24 @@ fn what_another_publishes_overwrites_none_of_ours_at_the_subscribers_pace() {
     for counted in [true, false] {
         let scene = Scene::new();
         let _lane = start_lane(&scene, "10", &["--delay-us", "2000"]);
-        let queue = "/in:std_msgs/msg/String:1000:reliable";
-        let other = ["--name", "/other", "--every-us", "20000", "--pub", queue];
-        let _other = match counted {
-            true => scene.start("standin_node", &other),
-            false => scene.start_uncounted("standin_node", &other),
-        };
-        let taken = || counts(&scene, Kind::Subscription, "/lane", "/in").taken;
-        eventually(|| taken() > 5);
-        let ask = Ask { mode: Mode::Max, ..DEFAULT };
-        let ledger = scene.play(&recording_of(&strings(RELIABLE), 1000, 60), &ask).unwrap().ledger;
+        let ledger = beside_five_of_another(&scene, counted, Mode::Max, 1000).ledger;
         assert_eq!((line(&ledger), answered(&scene)), (whole(1000), 1000), "{counted}");
     }
 }
 
 #[test]
 fn what_one_who_came_late_published_before_it_was_known_is_no_loss_of_ours() {
-    let scene = Scene::new();
-    let _lane = start_lane(&scene, "1000", &[]);
-    let mut other = None;
-    let mut seen = |progress: Progress| {
-        if progress.stage == Stage::Play && other.is_none() {
-            // It publishes before it knows anybody.
-            other = Some(start_other(&scene, &["--every-us", "1000"]));
-        }
-    };
     for mode in [Mode::Lockstep, Mode::Realtime] {
+        let scene = Scene::new();
+        let _lane = start_lane(&scene, "1000", &[]);
+        let mut other = None;
+        let mut seen = |progress: Progress| {
+            if progress.stage == Stage::Play && other.is_none() {
+                // It publishes before it knows anybody; all of it and of ours find room in the queue.
+                let paces = ["--every-us", "1000", "--in-all", "100"];
+                other = Some(start_other(&scene, &paces));
+            }
+        };
         let ask = Ask { mode, drain: Duration::from_secs(1), ..DEFAULT };
         let replayed =
             scene.play_while(&recording_of(&strings(RELIABLE), 900, 60), &ask, &mut seen).unwrap();

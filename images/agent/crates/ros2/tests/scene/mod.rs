@@ -2,6 +2,7 @@
 #![allow(dead_code, clippy::unwrap_used)] // Each of those who use it needs a part.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
@@ -18,7 +19,7 @@ use bagpipe_ros2::{Ros2, Ros2Options};
 use bagpipe_ros2ledger::{Endpoint, Kind, Ledger};
 use bagpipe_ros2player::PlayerOptions;
 
-use crate::standin::{Graph, LONG, Node, eventually};
+use crate::standin::{Graph, LONG, Node, eventually, hash};
 
 pub const MS: u64 = 1_000_000;
 /// A node that answers what it gets.
@@ -176,6 +177,11 @@ impl Scene {
         });
     }
 
+    /// Where a file of this scene may be, which is gone with it.
+    pub fn file(&self, name: &str) -> PathBuf {
+        self.prefix.0.join(name)
+    }
+
     pub fn middleware(&self) -> Ros2 {
         self.middleware_of(&[])
     }
@@ -187,7 +193,7 @@ impl Scene {
             program: self.player.program.clone(),
             environment: self.player.environment.clone(),
             qos: BTreeMap::new(),
-            active: active.iter().map(|&node| node.to_owned()).collect(),
+            active: names(active),
             flow_control: self.flow_control,
             prefixes: vec![self.prefix.0.clone()],
             deadline: LONG,
@@ -217,13 +223,13 @@ impl Scene {
         let request = ReplayRequest {
             middleware: Arc::new(self.middleware_of(ask.active)),
             window: Window { lead_in_start: first, start: first + ask.lead_in, end: last + 1 },
-            topics: Vec::new(),
+            topics: names(ask.topics),
             late: BTreeMap::new(),
             remap: BTreeMap::new(),
             mode: ask.mode,
             steps: ask.steps.iter().map(step).collect(),
             rate: ask.rate,
-            record_topics: ask.record.iter().map(|&topic| topic.to_owned()).collect(),
+            record_topics: names(ask.record),
             record_as: Arc::new(WriterOptions::default()),
             byte_budget: 1 << 30,
             record_to: None,
@@ -235,6 +241,7 @@ impl Scene {
             // In place of the rest of all processes, of which other tests have some: a writer may
             // know of its reader a moment later than that of it.
             start: StartWhen {
+                nodes: names(ask.wait_for),
                 at_rest_below: ask.at_rest.then(std::process::id),
                 stable: ask.stable,
                 delay: Duration::from_millis(if ask.at_rest { 0 } else { 200 }),
@@ -245,6 +252,10 @@ impl Scene {
         };
         replay(mcap, &request, seen, &|| None)
     }
+}
+
+fn names(all: &[&str]) -> Vec<String> {
+    all.iter().map(|&one| one.to_owned()).collect()
 }
 
 /// Counts what it is handed.
@@ -284,6 +295,10 @@ pub struct Ask<'a> {
     pub use_sim_time: bool,
     /// Nodes that have to be active.
     pub active: &'a [&'a str],
+    /// Nodes that have to subscribe to what is played, as the player has it.
+    pub wait_for: &'a [&'a str],
+    /// Topics that each need a subscriber; with none of them any will do, once no more come.
+    pub topics: &'a [&'a str],
     /// Whether it waits for the rest of this process' children in place of a moment.
     pub at_rest: bool,
     /// How long no subscriber may have come, if nothing shows before that none is to come.
@@ -303,6 +318,8 @@ pub const DEFAULT: Ask<'static> = Ask {
     record: &["/out.*"],
     use_sim_time: false,
     active: &[],
+    wait_for: &[],
+    topics: &[],
     at_rest: false,
     stable: Duration::from_millis(500),
     deadline: LONG,
@@ -323,4 +340,27 @@ pub fn recorded(replayed: &Replayed) -> Vec<(String, u64, Vec<u8>)> {
     let timeline = bagpipe_log::Recording::timeline(&mcap, &|_| true).unwrap();
     let all = (0..timeline.len()).filter_map(|at| timeline.get(at));
     all.map(|one| (topics[&one.connection].clone(), one.time, one.data.to_vec())).collect()
+}
+
+/// The number of the message that each answer is to, in the order of their coming, of so many messages of
+/// so many bytes.
+pub fn answered_numbers(replayed: &Replayed, messages: u64, length: usize) -> Vec<u64> {
+    let hashed = |number| {
+        let mut bytes = stamped((1000 + number) * MS, number, length);
+        // As DDS hands them on.
+        bytes.resize(length.next_multiple_of(4), 0);
+        format!("{:016x}", hash(&bytes))
+    };
+    let numbers: BTreeMap<String, u64> =
+        (0..messages).map(|number| (hashed(number), number)).collect();
+    let number = |answer: &[u8]| numbers[str::from_utf8(&answer[8..24]).unwrap()];
+    recorded(replayed).iter().map(|(_, _, answer)| number(answer)).collect()
+}
+
+/// That each message of the window has its answer in the recording. The one to the last message before may be
+/// published when the window has begun.
+pub fn assert_window_answered(replayed: &Replayed, window: Range<u64>, length: usize) {
+    let numbers = answered_numbers(replayed, window.end, length);
+    let last_before = usize::from(numbers.first().is_some_and(|one| one + 1 == window.start));
+    assert!(numbers[last_before..].iter().copied().eq(window), "{numbers:?}");
 }
