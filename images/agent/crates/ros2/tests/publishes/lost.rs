@@ -9,10 +9,10 @@ use bagpipe_replay::{Ledger, Mode, Progress, Stage, Strength};
 use bagpipe_ros2ledger::Kind;
 
 use crate::scene::{Ask, DEFAULT, RELAY, Scene, recording, recording_of};
-use crate::standin::{Graph, Node, eventually};
+use crate::standin::{Graph, LONG, Node, eventually};
 use crate::{
-    LATCHED, OUT, RELIABLE, answered, counts, late_queue, losing_midway, start_keeping, start_lane,
-    start_lane_of, start_other, strings,
+    LATCHED, OUT, RELIABLE, STANDING, answered, counts, late_queue, losing_midway_from_rest,
+    start_keeping, start_lane, start_lane_of, start_other, strings,
 };
 
 /// What was sent, received and lost, which was proved. Of the last callbacks it is known whether they
@@ -143,10 +143,11 @@ fn what_a_publisher_goes_on_to_publish_makes_up_for_nothing_of_it_that_was_lost(
         let late = ["--returns-late-us", returns_late_us];
         let talker = scene.start("standin_node", &[&talks[..], &late].concat());
         scene.await_published("/talk", 1);
-        let drain = Duration::from_secs(1);
-        let ask = Ask { mode, record: &["/talk"], drain, ..DEFAULT };
+        let (drain, stable) = (Duration::from_secs(1), STANDING);
+        let ask = Ask { mode, record: &["/talk"], drain, stable, ..DEFAULT };
         let recording = recording_of(&strings(RELIABLE), 3000, 60);
-        let played = scene.play_while(&recording, &ask, &mut losing_midway(&talker));
+        let mut seen = losing_midway_from_rest(&scene, &talker, "/talker");
+        let played = scene.play_while(&recording, &ask, &mut seen);
         let Err(error) = played else { panic!("passed, which lost {loses}") };
         assert_eq!(error.reason(), "RecordingIncomplete", "{error}");
         let lost: u64 = loses.parse().unwrap();
@@ -206,7 +207,8 @@ fn a_node_keeps_its_line_where_somebody_comes_who_publishes_just_before_the_firs
             });
         }
     };
-    let ask = Ask { mode: Mode::Realtime, drain: Duration::from_secs(1), ..DEFAULT };
+    // It ends when the node is at rest, and has taken what it will.
+    let ask = Ask { mode: Mode::Realtime, drain: LONG, ..DEFAULT };
     let recording = recording(&["/in", "/two"], 200, 60);
     let ledger = scene.play_while(&recording, &ask, &mut seen).unwrap().ledger;
     let line = &ledger.topics[0].subscribers[0];

@@ -89,6 +89,26 @@ fn losing_midway(node: &Node) -> impl FnMut(Progress) {
     }
 }
 
+/// How long a start goes on that a node stands still in: for many looks.
+const STANDING: Duration = Duration::from_secs(2);
+
+/// The same of one that stands still from when it knows the recorder to the play's begin: looks find that all
+/// that it has published has come to the recorder, however slowly that comes.
+fn losing_midway_from_rest(scene: &Scene, node: &Node, name: &str) -> impl FnMut(Progress) {
+    let (mut stands, mut loses) = (false, losing_midway(node));
+    move |progress: Progress| {
+        if progress.stage == Stage::Subscribe && !stands && has_met(scene, name) {
+            node.signal("STOP");
+            stands = true;
+        }
+        if progress.stage == Stage::Play && stands {
+            node.signal("CONT");
+            stands = false;
+        }
+        loses(progress);
+    }
+}
+
 /// Whether an endpoint of a node has matched one other.
 fn has_met(scene: &Scene, node: &str) -> bool {
     let all = scene.ledger.endpoints().unwrap();

@@ -10,7 +10,7 @@ use bagpipe_ros2ledger::Kind;
 use crate::other_types::await_topic;
 use crate::scene::{Ask, DEFAULT, RELAY, Scene, recorded, recording};
 use crate::standin::{Graph, Node, eventually};
-use crate::{counts, losing_midway};
+use crate::{STANDING, counts, has_met, losing_midway, losing_midway_from_rest};
 
 const TALK: &str = "/talk:std_msgs/msg/String:1000:reliable";
 const KEPT: &str = "/talk:std_msgs/msg/String:10:reliable:transient_local";
@@ -116,8 +116,23 @@ impl Apart {
         assert!(least > 0 && (least..=most).contains(&missing), "{least} {missing} {most}");
     }
 
+    /// The same, and /near loses some midway.
+    fn play_losing(&self, messages: u64, near: &Node) -> Result<Replayed, ReplayError> {
+        let mut seen = losing_midway_from_rest(&self.scene, near, "/near");
+        self.play_as(&Ask { stable: STANDING, ..ASK }, messages, &mut seen)
+    }
+
     fn play_while(
         &self,
+        messages: u64,
+        seen: &mut dyn FnMut(Progress),
+    ) -> Result<Replayed, ReplayError> {
+        self.play_as(&ASK, messages, seen)
+    }
+
+    fn play_as(
+        &self,
+        ask: &Ask<'_>,
         messages: u64,
         seen: &mut dyn FnMut(Progress),
     ) -> Result<Replayed, ReplayError> {
@@ -125,7 +140,7 @@ impl Apart {
             self.seen().push((progress.stage, self.published()));
             seen(progress);
         };
-        self.scene.play_while(&recording(&["/in"], messages, 100), &ASK, &mut noted)
+        self.scene.play_while(&recording(&["/in"], messages, 100), ask, &mut noted)
     }
 }
 
@@ -154,15 +169,19 @@ fn a_stranger_of_more_than_two_seconds_is_believed_to_have_met_nobody() {
     let near = apart.near(&talker("/near", "100000", &["--loses", "10"]));
     let _far = apart.far(&talker("/far", "1000", &[]));
     eventually(|| apart.published().iter().all(|published| *published > 0));
-    let played = std::thread::scope(|scope| {
-        let late = scope.spawn(|| {
-            std::thread::sleep(Duration::from_secs(4));
-            apart.near(&RELAY)
-        });
-        let played = apart.play_while(3000, &mut losing_midway(&near));
-        drop(late.join().unwrap());
-        played
+    let (mut relay, mut reports, mut loses) = (None, 0, losing_midway(&near));
+    let played = apart.play_while(3000, &mut |progress| {
+        // There is a recorder, and more than two seconds later the play may begin: reports are 0.5 s apart.
+        let is_there = || reports > 0 || has_met(&apart.scene, "/near");
+        if progress.stage == Stage::Subscribe && is_there() {
+            reports += 1;
+            if reports == 6 {
+                relay = Some(apart.near(&RELAY));
+            }
+        }
+        loses(progress);
     });
+    assert!(relay.is_some());
     let missing = missed(played, "/far");
     apart.assert_missing(missing, apart.published()[FAR]);
 }
@@ -181,7 +200,7 @@ fn a_stranger_that_publishes_nothing_hides_no_loss_of_another() {
     let _far = apart.far(&["--name", "/far", "--pub", TALK]);
     let near = apart.near(&talker("/near", "1000", &["--loses", "500"]));
     apart.scene.await_published("/talk", 1);
-    let played = apart.play_while(4000, &mut losing_midway(&near));
+    let played = apart.play_losing(4000, &near);
     let Err(error) = played else { panic!("passed") };
     let text = error.to_string();
     // One that is published just then may stand for one of them.
@@ -243,7 +262,7 @@ fn who_publishes_and_does_not_count_makes_up_for_nothing_that_another_loses() {
     let words = talker("/other", "1000", &[]);
     let _other = apart.scene.start_uncounted("standin_node", &words);
     await_topic(&apart.scene, "/talk", 2);
-    let played = apart.play_while(4000, &mut losing_midway(&near));
+    let played = apart.play_losing(4000, &near);
     let Err(error) = played else { panic!("passed") };
     assert_eq!(error.reason(), "RecordingIncomplete");
     let text = error.to_string();
