@@ -1,12 +1,14 @@
 //! Topics of several types, some of whose publishers the graph does not name.
 
 use std::cell::OnceCell;
+use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 use bagpipe_mcap::Mcap;
 use bagpipe_replay::{Mode, Progress, ReplayError, Replayed, Stage};
 use bagpipe_ros2player::GraphPublisher;
 
+use crate::has_met;
 use crate::scene::{Ask, DEFAULT, MS, RELAY, Scene, recorded, recording};
 use crate::standin::{Node, eventually};
 
@@ -35,6 +37,36 @@ pub(crate) fn play_while(
     mut seen: impl FnMut(Progress),
 ) -> Result<Replayed, ReplayError> {
     scene.play_while(&recording(&["/in"], messages, 100), &Ask { record, ..REALTIME }, &mut seen)
+}
+
+/// Plays once /talks is known to the recorder, which records /talk as its type from then on: what that is
+/// otherwise depends on whom a new player gets to know first. Only then others come, and when they are in
+/// the graph the node that the play begins with.
+fn play_beside(
+    scene: &Scene,
+    ask: &Ask<'_>,
+    messages: u64,
+    others: impl FnOnce() -> Vec<Node> + Send,
+    mut seen: impl FnMut(Progress),
+) -> Result<Replayed, ReplayError> {
+    std::thread::scope(|scope| {
+        let late = scope.spawn(|| {
+            eventually(|| has_met(scene, "/talks"));
+            let others = others();
+            (others, scene.start("standin_node", &RELAY))
+        });
+        let played = scene.play_while(&recording(&["/in"], messages, 100), ask, &mut seen);
+        drop(late.join().unwrap());
+        played
+    })
+}
+
+/// The same of a usual play of /out and /talk.
+pub(crate) fn play_usual_beside(
+    scene: &Scene,
+    others: impl FnOnce() -> Vec<Node> + Send,
+) -> Result<Replayed, ReplayError> {
+    play_beside(scene, &Ask { record: &["/out", "/talk"], ..REALTIME }, 1000, others, |_| ())
 }
 
 /// Waits until a topic has so many publishers.
@@ -87,11 +119,13 @@ fn what_is_published_as_another_type_than_a_node_s_is_missed_of_who_does_not_cou
     for (stable, messages) in [(KNOWN_BY, 20), (DEFAULT.stable, 2000)] {
         let scene = Scene::new();
         let _talks = scene.start("standin_node", &TALKS);
-        let _relay = scene.start("standin_node", &RELAY);
-        let _program = scene.start_uncounted("dds_relay", &PROGRAM);
-        await_topic(&scene, "/talk", 2);
+        let other = || {
+            let program = scene.start_uncounted("dds_relay", &PROGRAM);
+            await_topic(&scene, "/talk", 2);
+            vec![program]
+        };
         let ask = Ask { stable, record: &["/out", "/talk"], ..REALTIME };
-        let text = missed(scene.play(&recording(&["/in"], messages, 100), &ask));
+        let text = missed(play_beside(&scene, &ask, messages, other, |_| ()));
         assert!(text.contains("/talk has publishers (at least 1) that do not count"), "{text}");
         assert!(text.contains(OTHER_TYPE), "{text}");
     }
@@ -101,10 +135,12 @@ fn what_is_published_as_another_type_than_a_node_s_is_missed_of_who_does_not_cou
 fn so_it_is_of_a_node_whose_name_another_has() {
     let scene = Scene::new();
     let _talks = scene.start("standin_node", &TALKS);
-    let _relay = scene.start("standin_node", &RELAY);
-    let _namesake = scene.start_uncounted("standin_node", &["--name", "/talks", "--pub", TALK]);
-    await_topic(&scene, "/talk", 2);
-    let text = missed(play(&scene, &["/out", "/talk"], 1000));
+    let text = missed(play_usual_beside(&scene, || {
+        let words = ["--name", "/talks", "--pub", TALK];
+        let namesake = scene.start_uncounted("standin_node", &words);
+        await_topic(&scene, "/talk", 2);
+        vec![namesake]
+    }));
     assert!(text.contains("/talk has publishers (at least 1) that do not count"), "{text}");
 }
 
@@ -112,11 +148,13 @@ fn so_it_is_of_a_node_whose_name_another_has() {
 fn who_counts_and_has_published_nothing_as_another_type_is_missed_by_nobody() {
     let scene = Scene::new();
     let _talks = scene.start("standin_node", &TALKS);
-    let _relay = scene.start("standin_node", &RELAY);
-    let _silent = scene.start("standin_node", &["--name", "/silent", "--pub", TALK]);
-    let _namesake = scene.start("standin_node", &["--name", "/talks", "--pub", TALK]);
-    await_topic(&scene, "/talk", 3);
-    let replayed = play(&scene, &["/out", "/talk"], 1000).unwrap();
+    let others = || {
+        let start = |name| scene.start("standin_node", &["--name", name, "--pub", TALK]);
+        let others = ["/silent", "/talks"].map(start).into();
+        await_topic(&scene, "/talk", 3);
+        others
+    };
+    let replayed = play_usual_beside(&scene, others).unwrap();
     assert!(recorded(&replayed).iter().all(|one| one.0 == "/out"));
 }
 
@@ -146,12 +184,13 @@ fn who_is_killed_before_the_play_hides_no_program() {
     let scene = Scene::new();
     drop(scene.start("standin_node", &TALKS));
     let _again = scene.start("standin_node", &TALKS);
-    let _relay = scene.start("standin_node", &RELAY);
-    let _program = scene.start_uncounted("dds_relay", &PROGRAM);
     let scout = scene.graph.player();
-    let program = |one: GraphPublisher| one.node.is_none();
-    eventually(|| scout.publishers_of("/talk").unwrap().into_iter().any(program));
-    let text = missed(play(&scene, &["/out", "/talk"], 1000));
+    let is_program = |one: GraphPublisher| one.node.is_none();
+    let text = missed(play_usual_beside(&scene, || {
+        let program = scene.start_uncounted("dds_relay", &PROGRAM);
+        eventually(|| scout.publishers_of("/talk").unwrap().into_iter().any(is_program));
+        vec![program]
+    }));
     assert!(text.contains(OTHER_TYPE), "{text}");
 }
 
@@ -165,12 +204,13 @@ fn nor_does_who_was_killed_hide_one_of_its_name() {
         drop(killed);
         eventually(|| publishers() == 0);
         let _talks = scene.start("standin_node", &TALKS);
-        let _relay = scene.start("standin_node", &RELAY);
         let talk = format!("/talk:{datatype}:10:reliable");
-        let _namesake =
-            scene.start_uncounted("standin_node", &["--name", "/talks", "--pub", &talk]);
-        await_topic(&scene, "/talk", 2);
-        play(&scene, &["/out", "/talk"], 1000)
+        play_usual_beside(&scene, || {
+            let words = ["--name", "/talks", "--pub", &talk];
+            let namesake = scene.start_uncounted("standin_node", &words);
+            await_topic(&scene, "/talk", 2);
+            vec![namesake]
+        })
     };
     let text = missed(of_type("std_msgs/msg/String"));
     assert!(text.contains(OTHER_TYPE), "{text}");
@@ -209,17 +249,21 @@ fn nor_does_who_leaves_in_the_play_hide_whoever_publishes_from_then_on() {
 fn who_leaves_before_the_end_is_missed() {
     let scene = Scene::new();
     let _talks = scene.start("standin_node", &TALKS);
-    let _relay = scene.start("standin_node", &RELAY);
-    let mut program = Some(scene.start_uncounted("dds_relay", &PROGRAM));
-    await_topic(&scene, "/talk", 2);
+    let program = Mutex::new(None);
+    let other = || {
+        *program.lock().unwrap() = Some(scene.start_uncounted("dds_relay", &PROGRAM));
+        await_topic(&scene, "/talk", 2);
+        Vec::new()
+    };
     let plays_since = OnceCell::new();
-    let played = play_while(&scene, &["/out", "/talk"], 5000, |progress| {
+    let ask = Ask { record: &["/out", "/talk"], ..REALTIME };
+    let played = play_beside(&scene, &ask, 5000, other, |progress| {
         let plays = progress.stage == Stage::Play;
         if plays && plays_since.get_or_init(Instant::now).elapsed() > Duration::from_secs(2) {
-            program.take().map(Node::end);
+            program.lock().unwrap().take().map(Node::end);
         }
     });
-    assert!(program.is_none());
+    assert!(program.into_inner().unwrap().is_none());
     assert!(missed(played).contains(OTHER_TYPE));
 }
 
@@ -300,24 +344,14 @@ fn beside_who_left_before(topic: &str) -> Result<Replayed, ReplayError> {
     let scene = Scene::new();
     let _talks = scene.start("standin_node", &TALKS);
     await_topic(&scene, "/talk", 1);
-    std::thread::scope(|scope| {
-        let late = scope.spawn(|| {
-            let known = || {
-                let all = scene.ledger.endpoints().unwrap();
-                all.iter().any(|one| one.node == "/talks" && one.matched == Some(1))
-            };
-            eventually(known);
-            let words = ["--name", "/once", "--pub", topic, "--burst", "3"];
-            let once = scene.start("standin_node", &words);
-            scene.await_published("/talk", 3);
-            std::thread::sleep(Duration::from_millis(700));
-            assert!(once.end());
-            await_topic(&scene, "/talk", 1);
-            scene.start("standin_node", &RELAY)
-        });
-        let played = play(&scene, &["/out", "/talk"], 1000);
-        drop(late.join().unwrap());
-        played
+    play_usual_beside(&scene, || {
+        let words = ["--name", "/once", "--pub", topic, "--burst", "3"];
+        let once = scene.start("standin_node", &words);
+        scene.await_published("/talk", 3);
+        std::thread::sleep(Duration::from_millis(700));
+        assert!(once.end());
+        await_topic(&scene, "/talk", 1);
+        Vec::new()
     })
 }
 

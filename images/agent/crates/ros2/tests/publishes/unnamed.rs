@@ -2,17 +2,20 @@
 
 use std::time::{Duration, Instant};
 
-use bagpipe_replay::Stage;
+use bagpipe_replay::{ReplayError, Replayed, Stage};
 
-use crate::other_types::{TALK, TALKS, await_topic, play, play_while};
+use crate::other_types::{TALK, TALKS, await_topic, play, play_usual_beside, play_while};
 use crate::scene::{RELAY, Scene, recorded};
 use crate::standin::{Node, eventually};
 
 /// What warns of those that publish /talk and do not count, where it is recorded as Imu.
 fn warnings_of(scene: &Scene) -> String {
     let _relay = scene.start("standin_node", &RELAY);
-    let replayed = play(scene, &["/out", "/talk"], 1000).unwrap();
-    let all = replayed.playback.warnings.into_iter();
+    publish_warnings(play(scene, &["/out", "/talk"], 1000))
+}
+
+fn publish_warnings(played: Result<Replayed, ReplayError>) -> String {
+    let all = played.unwrap().playback.warnings.into_iter();
     all.filter(|warning| warning.contains(" publish") && warning.contains("/talk")).collect()
 }
 
@@ -35,11 +38,14 @@ fn a_namesake_that_counts_and_publishes_something_else_hides_nobody() {
 fn who_counts_and_publishes_another_type_hides_nobody() {
     let scene = Scene::new();
     let _talks = scene.start("standin_node", &TALKS);
-    let _silent = scene.start("standin_node", &["--name", "/silent", "--pub", TALK]);
-    let words = ["/other", "/talk", "sensor_msgs/Imu"];
-    let _program = scene.start_uncounted("dds_relay", &words);
-    await_topic(&scene, "/talk", 3);
-    let warnings = warnings_of(&scene);
+    let others = || {
+        let silent = scene.start("standin_node", &["--name", "/silent", "--pub", TALK]);
+        let words = ["/other", "/talk", "sensor_msgs/Imu"];
+        let program = scene.start_uncounted("dds_relay", &words);
+        await_topic(&scene, "/talk", 3);
+        vec![silent, program]
+    };
+    let warnings = publish_warnings(play_usual_beside(&scene, others));
     assert!(warnings.contains("publish /talk (at least 1)"), "{warnings}");
 }
 
