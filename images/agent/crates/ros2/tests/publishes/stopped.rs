@@ -47,8 +47,9 @@ fn beside_who_stops(sleeper: &[&str], mode: Mode, other: bool) -> String {
     let played = recording_of(&strings(RELIABLE), 1000, 60);
     let replayed = std::thread::scope(|scope| {
         scope.spawn(|| {
-            let taken = || counts(&scene, Kind::Subscription, "/sleeper", "/in").taken;
-            eventually(|| taken() > 20);
+            // Of ours: the play has begun.
+            let taken_own = || counts(&scene, Kind::Subscription, "/sleeper", "/in").taken_own;
+            eventually(|| taken_own() > 20);
             sleeper.signal("STOP");
         });
         scene.play(&played, &ask).map(|replayed| replayed.ledger)
