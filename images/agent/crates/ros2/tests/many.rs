@@ -6,11 +6,11 @@ mod scene;
 mod standin;
 
 use std::collections::BTreeMap;
-use std::time::Duration;
+use std::time::Instant;
 
 use bagpipe_log::RecordingWriter;
 use bagpipe_mcap::{Mcap, McapWriter, WriterOptions};
-use bagpipe_replay::{Mode, Progress, Strength};
+use bagpipe_replay::{Mode, Progress, Stage, Strength};
 use bagpipe_ros2ledger::Kind;
 use scene::{Ask, MS, Scene, imu, recorded, recording, stamped};
 use standin::hash;
@@ -42,7 +42,8 @@ fn a_thousand_topics_are_played_and_recorded_in_one_case() {
     scene.await_subscriptions(TOPICS);
     let mcap = recording(&borrowed(&inputs), 5 * TOPICS as u64, 100);
     // So many are found one after the other, and a busy machine pauses in between.
-    let ask = Ask { stable: Duration::from_secs(2), ..Ask::default() };
+    let topics = borrowed(&inputs);
+    let ask = Ask { topics: &topics, ..Ask::default() };
     let replayed = scene.play(&mcap, &ask).unwrap();
     let ledger = &replayed.ledger;
     assert_eq!((ledger.sent, ledger.received, ledger.dropped), (5000, 5000, 0));
@@ -237,10 +238,33 @@ fn the_slower_of_two_sets_the_pace_and_is_named_with_its_queue() {
         let topic = format!("/in:sensor_msgs/msg/Imu:{depth}:reliable");
         scene.start("standin_node", &[&["--name", name, "--sub", &topic][..], more].concat())
     };
+    let goes_on = scene.file("goes-on");
+    let awaits = format!("85:{}", goes_on.display());
     let _quick = start("/quick", 7, &[]);
-    let _slow = start("/slow", 10, &["--delay-us", "5000"]);
+    let _slow = start("/slow", 10, &["--delay-us", "1000", "--awaits", &awaits]);
     scene.await_subscriptions(2);
-    let replayed = scene.play(&recording(&["/in"], 100, 50), &Ask::default()).unwrap();
+    let taken = |node| {
+        let all = scene.ledger.endpoints().unwrap();
+        all.iter().find(|one| one.node == node).map_or(0, |one| one.counts.taken)
+    };
+    let (mut begun, mut reports) = (None, Vec::new());
+    let mut seen = |progress: Progress| {
+        if progress.stage != Stage::Play {
+            return;
+        }
+        let begun = *begun.get_or_insert_with(Instant::now);
+        // All that finds room at the slow one has gone out, and the other has taken it: that one has room
+        // for the rest, whatever holds it up. Who waits has seen that when it reports again.
+        if taken("/slow") == 85 && taken("/quick") == 95 {
+            reports.push(Instant::now());
+        }
+        // Longer than the other can have been waited for.
+        if reports.get(1).is_some_and(|at| at.elapsed() > *at - begun) {
+            std::fs::write(&goes_on, "").unwrap();
+        }
+    };
+    let replayed =
+        scene.play_while(&recording(&["/in"], 100, 50), &Ask::default(), &mut seen).unwrap();
     let playback = &replayed.playback;
     let pace = playback.pace.clone().unwrap();
     assert!(pace.starts_with("/slow set the pace: the play waited "), "{pace}");
