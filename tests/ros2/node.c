@@ -299,8 +299,8 @@ static void *talk(void *unused) {
   while (!ending && !is_known()) sleep_us(1000);
   say_on_all(asked.burst);
   while (!ending && asked.goes_on[0] != 0 && access(asked.goes_on, F_OK) != 0) sleep_us(1000);
-  for (uint64_t said = asked.burst; !ending && asked.every_us > 0; said++) {
-    if (asked.in_all > 0 && said >= asked.in_all) break;
+  for (uint64_t of_each = asked.burst; !ending && asked.every_us > 0; of_each++) {
+    if (asked.in_all > 0 && of_each >= asked.in_all) break;
     sleep_us(asked.every_us);
     asked.timer == 0 ? say_on_all(1) : call_timer();
   }
