@@ -14,14 +14,29 @@ cat > "$ROS_HOME/node.py" <<'END'
 import mmap, os, resource, signal, sys, threading, time, rospy
 from std_msgs.msg import String
 name, ends_at, way = sys.argv[1], int(sys.argv[2]), sys.argv[3]
+awaited = sys.argv[4] if way == "holds" else None
 while "SPARE" in os.environ and not os.path.exists(os.environ["SPARE"]):
     time.sleep(0.02)
 if way == "elsewhere":
     os.getpid = lambda: 1
 rospy.init_node(name)
 out = rospy.Publisher("/echo", String, queue_size=1000)
+held = rospy.Publisher("/held", String, queue_size=1000) if way == "holds" else None
 received = [0]
+def runs(node):
+    listens = os.path.dirname(__file__) + node
+    if not os.path.exists(listens) or not os.path.getsize(listens):
+        return True
+    try:
+        stat = open("/proc/" + open(listens).read() + "/stat").read()
+        return stat.rsplit(")", 1)[1].split()[0] != "Z"
+    except OSError:
+        return False
 def end():
+    if way == "marks":
+        # And goes on.
+        open(os.path.dirname(__file__) + "/marked", "w").close()
+        return
     if way == "fails" and "ADDRESS" in os.environ:
         with open(os.environ["ADDRESS"] + ".part", "w") as file:
             file.write(rospy.get_node_uri())
@@ -40,13 +55,19 @@ def end():
 def answer(message):
     out.publish(message.data)
     received[0] += 1
-    if received[0] == ends_at:
+    if way == "holds":
+        # The play waits for its answers, and so goes on when the other one has ended.
+        while received[0] == ends_at and runs(awaited):
+            time.sleep(0.02)
+        held.publish(message.data)
+    elif received[0] == ends_at:
         threading.Timer(0.8 if way == "later" else 0.05, end).start()
 rospy.Subscriber("/chatter", String, answer, queue_size=1000)
 if way in ("slowly", "later"):
     # Whoever asks it to end meanwhile does not learn how it would have ended.
     signal.signal(signal.SIGINT, lambda *_: os._exit(0))
-open(os.path.dirname(__file__) + "/" + name, "w").close()
+with open(os.path.dirname(__file__) + "/" + name, "w") as file:
+    file.write(str(os.getpid()))
 rospy.spin()
 if way in ("slowly", "later"):
     time.sleep(float(os.environ.get("LINGERS", "1")))
@@ -68,7 +89,7 @@ if sys.argv[4] == "respawn":
 # The play begins when the first one listens: that one is known to the master then.
 while not os.path.exists(sys.argv[1] + "/bad"):
     time.sleep(0.02)
-nodes.append(subprocess.Popen([python, here, "good", "0", "never"]))
+nodes.append(subprocess.Popen([python, here, "good", *(sys.argv[5:] or ["0", "never"])]))
 def has_ended(node):
     return os.waitid(os.P_PID, node.pid, os.WEXITED | os.WNOWAIT | os.WNOHANG) is not None
 while True:
@@ -146,6 +167,17 @@ fn realtime(case: Value, messages: u64, allow: &[&str]) -> Value {
     Value::Map(case)
 }
 
+/// In lock-step with a node that holds the play.
+fn held(case: Value) -> Value {
+    let Value::Map(mut case) = case else { panic!() };
+    case.retain(|(key, _)| key.as_str() != Some("playback"));
+    let step = [("trigger", "/chatter"), ("answer", "/held")].map(|(key, of)| (key, of.into()));
+    let step = map(&[&step[..], &[("deadline", 100.0.into())]].concat());
+    let steps = Value::Array(vec![step]);
+    case.push(("playback".into(), map(&[("mode", "lockstep".into()), ("steps", steps)])));
+    Value::Map(case)
+}
+
 /// A case whose play begins once these nodes are connected.
 fn awaiting(case: Value, nodes: &[&str]) -> Value {
     let Value::Map(mut case) = case else { panic!() };
@@ -175,7 +207,12 @@ fn a_node_that_its_parent_says_nothing_of_is_missed() {
         "{message}"
     );
     assert_eq!(short(&ends(250, "100 fails keep")), [("StackCrashed", "/bad", None)]);
-    assert_eq!(short(&ends(250, "100 leaves keep")), [("NodeGone", "/bad", None)]);
+    // However long it takes to leave, that is before the last message.
+    let agent = Agent::start(1);
+    let script = format!("{NODE}{LAUNCH}100 leaves keep 101 holds /bad");
+    let case = held(realtime(agent.case(&script, &[]), 250, &[]));
+    let gone = ends_in(&agent, awaiting(case, &["/bad", "/good"]), 250);
+    assert_eq!(short(&gone), [("NodeGone", "/bad", None)]);
 }
 
 #[test]
@@ -183,13 +220,15 @@ fn a_node_of_the_command_line_may_leave_during_the_play() {
     if without_ros() {
         return;
     }
-    let node = |name: &str, rest| format!("/usr/bin/python3 \"$ROS_HOME/node.py\" {name} {rest}\n");
-    let others = node("good", "0 never");
+    let node =
+        |name: &str, rest: &str| format!("/usr/bin/python3 \"$ROS_HOME/node.py\" {name} {rest}\n");
     for (name, expected) in [("rostopic_7_1700000000000", None), ("bad", Some("/bad"))] {
-        let script = format!("{NODE}{} & exec {others}", node(name, "100 leaves").trim_end());
+        let leaves = node(name, "100 leaves");
+        let holds = node("good", &format!("101 holds /{name}"));
+        let script = format!("{NODE}{} & exec {holds}", leaves.trim_end());
         let agent = Agent::start(1);
         let nodes = [format!("/{name}"), "/good".to_owned()];
-        let case = realtime(agent.case(&script, &[]), 250, &[]);
+        let case = held(realtime(agent.case(&script, &[]), 250, &[]));
         let case = awaiting(case, &[&nodes[0], &nodes[1]]);
         let ended = ends_in(&agent, case, 250);
         let expected = expected.map(|name| ("NodeGone", name, None));
@@ -328,8 +367,11 @@ fn an_allowed_end_of_the_command_ends_no_replay() {
     if without_ros() {
         return;
     }
-    // The command ends well in the middle, and its node goes on.
-    let script = format!("({ECHO}) & sleep 1.5; exit 0");
+    // The command ends well in the middle, once its node has been given ten messages, and that one goes on.
+    let script = format!(
+        "{NODE}/usr/bin/python3 \"$ROS_HOME/node.py\" echo 10 marks &\n\
+         while [ ! -e \"$ROS_HOME/marked\" ]; do sleep 0.05; done; exit 0"
+    );
     let agent = Agent::start(1);
     let abort = agent.run(0, realtime(agent.case(&script, &[]), 250, &[]), &chatter(250)).abort();
     assert_eq!((&*abort.reason, abort.exit_status), ("StackExited", Some(0)));
