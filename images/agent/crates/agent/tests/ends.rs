@@ -28,15 +28,11 @@ def runs(node):
     if not os.path.exists(listens) or not os.path.getsize(listens):
         return True
     try:
-        stat = open("/proc/" + open(listens).read() + "/stat").read()
+        stat = open("/proc/" + open(listens).read().strip() + "/stat").read()
         return stat.rsplit(")", 1)[1].split()[0] != "Z"
     except OSError:
         return False
 def end():
-    if way == "marks":
-        # And goes on.
-        open(os.path.dirname(__file__) + "/marked", "w").close()
-        return
     if way == "fails" and "ADDRESS" in os.environ:
         with open(os.environ["ADDRESS"] + ".part", "w") as file:
             file.write(rospy.get_node_uri())
@@ -57,6 +53,8 @@ def answer(message):
     received[0] += 1
     if way == "holds":
         # The play waits for its answers, and so goes on when the other one has ended.
+        if received[0] == ends_at:
+            open(os.path.dirname(__file__) + "/held", "w").close()
         while received[0] == ends_at and runs(awaited):
             time.sleep(0.02)
         held.publish(message.data)
@@ -198,7 +196,14 @@ fn a_node_that_its_parent_says_nothing_of_is_missed() {
     if without_ros() {
         return;
     }
-    let crashed = ends(250, "100 segfault keep");
+    // However long it takes to end, that is before the last message.
+    let ends = |way: &str| {
+        let agent = Agent::start(1);
+        let script = format!("{NODE}{LAUNCH}100 {way} keep 101 holds /bad");
+        let case = held(realtime(agent.case(&script, &[]), 250, &[]));
+        ends_in(&agent, awaiting(case, &["/bad", "/good"]), 250)
+    };
+    let crashed = ends("segfault");
     assert_eq!(short(&crashed), [("StackCrashed", "/bad", Some(11))]);
     let message = &crashed[0].3;
     assert!(message.starts_with("the node /bad was ended by signal 11 (SIGSEGV) at "), "{message}");
@@ -206,13 +211,8 @@ fn a_node_that_its_parent_says_nothing_of_is_missed() {
         message.ends_with("; the stack's last line on stderr: bad has had enough"),
         "{message}"
     );
-    assert_eq!(short(&ends(250, "100 fails keep")), [("StackCrashed", "/bad", None)]);
-    // However long it takes to leave, that is before the last message.
-    let agent = Agent::start(1);
-    let script = format!("{NODE}{LAUNCH}100 leaves keep 101 holds /bad");
-    let case = held(realtime(agent.case(&script, &[]), 250, &[]));
-    let gone = ends_in(&agent, awaiting(case, &["/bad", "/good"]), 250);
-    assert_eq!(short(&gone), [("NodeGone", "/bad", None)]);
+    assert_eq!(short(&ends("fails")), [("StackCrashed", "/bad", None)]);
+    assert_eq!(short(&ends("leaves")), [("NodeGone", "/bad", None)]);
 }
 
 #[test]
@@ -367,16 +367,17 @@ fn an_allowed_end_of_the_command_ends_no_replay() {
     if without_ros() {
         return;
     }
-    // The command ends well in the middle, once its node has been given ten messages, and that one goes on.
+    // The command ends well in the middle, while its node holds the play, and that one goes on.
     let script = format!(
-        "{NODE}/usr/bin/python3 \"$ROS_HOME/node.py\" echo 10 marks &\n\
-         while [ ! -e \"$ROS_HOME/marked\" ]; do sleep 0.05; done; exit 0"
+        "{NODE}echo $$ > \"$ROS_HOME/command\"\n\
+         /usr/bin/python3 \"$ROS_HOME/node.py\" echo 10 holds /command &\n\
+         while [ ! -e \"$ROS_HOME/held\" ]; do sleep 0.05; done; exit 0"
     );
     let agent = Agent::start(1);
-    let abort = agent.run(0, realtime(agent.case(&script, &[]), 250, &[]), &chatter(250)).abort();
+    let case = |allow: &[&str]| held(realtime(agent.case(&script, &[]), 250, allow));
+    let abort = agent.run(0, case(&[]), &chatter(250)).abort();
     assert_eq!((&*abort.reason, abort.exit_status), ("StackExited", Some(0)));
-    let case = realtime(agent.case(&script, &[]), 250, &["StackExited"]);
-    let (result, _) = agent.run(0, case, &chatter(250)).result();
+    let (result, _) = agent.run(0, case(&["StackExited"]), &chatter(250)).result();
     assert_eq!(at(&result, "stack.ended.0.cause").as_str(), Some("StackExited"));
     assert_eq!(at(&result, "ledger.received").as_u64(), Some(250));
 }
