@@ -7,7 +7,9 @@ use bagpipe_ros2ledger::Kind;
 
 use crate::scene::{Ask, DEFAULT, Scene, recorded, recording_of};
 use crate::standin::{Node, eventually};
-use crate::{OUT, RELIABLE, counts, queue, start_lane, start_lane_of, strings};
+use crate::{
+    OUT, OUT_OTHER, RELIABLE, await_known, counts, queue, start_lane, start_lane_of, strings,
+};
 
 /// A node's lines: what was sent to it and received of that, and how far that is proved.
 fn lines_of(replayed: &Replayed, node: &str) -> Vec<(u64, u64, Strength)> {
@@ -185,13 +187,17 @@ fn who_is_waited_for_when_the_first_message_goes_out_by_the_clock_has_all_of_the
     let first = ["--name", "/first", "--sub", &deep, "--spins-late-us", late];
     let _first = scene.start("standin_node", &first);
     scene.await_subscriptions(2);
+    let scout = scene.graph.player();
     let mut second = None;
     let mut seen = |progress: Progress| {
         // When the start has ended, and before the first message.
         if progress.stage == Stage::LeadIn && second.is_none() {
             let words = ["--name", "/second", "--sub", &deep, "--spins-late-us", "3000000"];
+            let words = [&words[..], &["--pub", OUT_OTHER]].concat();
             second = Some(scene.start("standin_node", &words));
             scene.await_subscriptions(3);
+            // What goes out before the player's middleware knows it never comes to it.
+            await_known(&scout);
         }
     };
     let ask = Ask { mode: Mode::Realtime, drain: Duration::from_secs(10), ..DEFAULT };
