@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 from aiohttp import web
 
+from bagpipe_operator.cluster.client import ApiError
 from tests.unit.operator.builders import account, make_driver
 from tests.unit.operator.test_progress import driver
 from tests.unit.operator.world import UID, World
@@ -104,3 +105,21 @@ async def test_the_account_of_an_earlier_release_s_driver_is_shown_until_its_pod
         world.deliver(make_driver("x").ended(0, done))
         await world.reconcile()
         assert (world.status()["phase"], world.reason("Passed")) == ("Complete", "True/Passed")
+
+
+@pytest.mark.parametrize("backoff_limit", [None, 0])
+async def test_an_end_that_the_pod_has_confirmed_counts_when_the_pod_goes_before_it_is_written(
+    backoff_limit: int | None,
+) -> None:
+    """The job was run again, or had failed with DriverLost."""
+    async with answered(account("Complete", ended=True, **PASSED, **MINE)) as world:
+        if backoff_limit is not None:
+            world.api.objects["jobs", "x"]["spec"]["backoffLimit"] = backoff_limit
+            world.deliver_job()
+        world.api.fail("patch status", ApiError(500, "InternalError", "etcd has no leader"))
+        with pytest.raises(ApiError, match="no leader"):
+            await world.reconcile()
+        world.api.objects.pop(("pods", "x-1-driver"))
+        await world.reconcile(after=5)
+        assert (world.status()["phase"], world.reason("Passed")) == ("Complete", "True/Passed")
+        assert world.status()["attempt"] == 1

@@ -181,3 +181,88 @@ async def test_of_a_job_that_was_removed_nothing_is_kept() -> None:
     await world.reconcile(after=3600)
     assert world.api.named("jobs") == []
     assert world.reconciler._recorder._met == set()
+
+
+async def test_a_deadline_that_was_exceeded_before_stays_why_it_ended() -> None:
+    """Its receivers are to know of it."""
+    world = World(make_job("x").with_spec("activeDeadline", "10m"))
+    await world.reconcile()
+    world.drivers.says = account()
+    world.deliver(make_driver("x").running(), make_executor("x").running())
+    await world.reconcile()
+    await world.reconcile(after=700)
+    assert world.reason("Running") == "False/DeadlineExceeded"
+    delete(world)
+    for _ in range(3):
+        await world.reconcile(after=2)
+        gone(world, *[pod.name for pod in world.view.pods(UID)])
+    assert world.reason("Failed") == "True/DeadlineExceeded"
+
+
+async def test_it_counts_for_none_that_failed() -> None:
+    """Else an alert fires where somebody clears jobs with `--cascade=foreground`."""
+    world = await at_work()
+    metrics = JobMetrics(world.view, WorkQueue())
+    world.restart(counted=metrics.job_written)
+    delete(world)
+    gone(world, "x-1-driver", "x-1-exec-1")
+    for _ in range(3):
+        await world.reconcile(after=2)
+    assert world.reason("Failed") == "True/JobDeleted"
+    ended = {"phase": "Failed", "verdict": "None"}
+    assert not metrics.registry.get_sample_value("bagpipe_jobs_ended_total", ended)
+
+
+TOO_LARGE = ApiError(500, "InternalError", "etcdserver: request is too large")
+
+
+@pytest.mark.parametrize("why", ["deleted", "deadline"])
+async def test_a_job_that_no_status_fits_any_more_is_stopped_all_the_same(why: str) -> None:
+    """Whoever may write it may fill metadata.finalizers up to etcd's limit: its pods stayed."""
+    world = World(make_job("x").with_spec("activeDeadline", "10m"))
+    await world.reconcile()
+    world.drivers.says = account()
+    world.deliver(make_driver("x").running(), make_executor("x").running())
+    await world.reconcile()
+    if why == "deleted":
+        delete(world)
+    else:
+        world.clock.advance(700.0)
+    for left in (["x-1-exec-1"], []):
+        world.api.faults["patch status"] = [TOO_LARGE]
+        with pytest.raises(ApiError, match="too large"):
+            await world.reconcile(after=2)
+        assert world.api.named("pods") == left
+        gone(world, *[pod.name for pod in world.view.pods(UID) if pod.name not in left])
+
+
+@pytest.mark.parametrize(
+    ("status", "reason"), [(0, "Timeout"), (409, "Conflict"), (429, "TooManyRequests")]
+)
+async def test_while_its_status_is_only_late_its_pods_stay(status: int, reason: str) -> None:
+    """The status states first why they go."""
+    world = await at_work()
+    delete(world)
+    world.api.faults["patch status"] = [ApiError(status, reason, "later")]
+    with pytest.raises(ApiError):
+        await world.reconcile(after=60)
+    assert world.api.named("pods") == ["x-1-driver", "x-1-exec-1"]
+
+
+async def test_nobody_asks_why_the_pods_of_a_job_wait_that_are_to_go() -> None:
+    """A visit took 60 s for that where there were a hundred Events about each claim."""
+    world = World()
+    await world.reconcile()
+    driver = make_driver("x")
+    driver.claims = ("c",)
+    claim = {"metadata": {"name": "c", "uid": "uid-of-c"}, "status": {"phase": "Pending"}}
+    world.api.put("persistentvolumeclaims", claim)
+    world.deliver(driver)
+    for _ in range(3):
+        await world.reconcile(after=10)
+    asked = world.api.calls.count("events of uid-of-c")
+    assert (asked, world.status()["phase"]) == (3, "Pending")
+    delete(world)
+    await world.reconcile(after=10)
+    assert world.api.calls.count("events of uid-of-c") == asked
+    assert world.api.named("pods") == []

@@ -77,3 +77,17 @@ def test_a_denial_is_no_sign_of_what_is_there(status: int, reason: str) -> None:
     assert not denied.is_gone("x")
     assert not denied.name_is_taken
     assert not denied.timed_out
+
+
+async def test_a_policy_of_the_administrator_may_choose_its_code_as_well() -> None:
+    """`reason: Unauthorized` of a ValidatingAdmissionPolicy, as Kubernetes writes it."""
+    words = (
+        "pods \"x-1-driver\" is forbidden: ValidatingAdmissionPolicy 'p' with binding 'b' denied"
+        " request: no label"
+    )
+    world = World()
+    for _ in range(3):
+        world.api.faults["try pods"] = [ApiError(401, "Unauthorized", words)]
+        await world.reconcile(after=60)
+    assert world.reason("Accepted") == "False/CreationRefused"
+    assert words in world.message("Accepted")

@@ -1,5 +1,6 @@
 """What Lookout asks for one job's pods, when, and what it reports until it asks again."""
 
+import asyncio
 from typing import Any
 
 import pytest
@@ -9,6 +10,7 @@ from bagpipe_operator.cluster.large_objects import LARGE, SIZE, trimmed
 from bagpipe_operator.jobs.troubles.lookout import Lookout
 from bagpipe_operator.jobs.view import JobView
 from bagpipe_operator.settings import Settings
+from tests.unit.operator import virtual_time
 from tests.unit.operator.builders import Clock, PodBuilder, make_driver, make_executor, make_job
 from tests.unit.operator.fakes import FakeApi
 from tests.unit.operator.world import UID
@@ -240,3 +242,27 @@ async def test_without_a_spec_that_can_be_read_no_executor_is_tried(job: JobView
     await world.found(cases_left=1)
     assert await world.found(cases_left=1, after=4) == []
     assert "try pods" not in world.api.calls
+
+
+def test_a_look_takes_fifteen_seconds_at_most_and_reports_what_it_has_found_by_then() -> None:
+    """There may be hundreds of Events about each of sixty claims, and a visit has 60 s in all."""
+
+    async def look() -> None:
+        world = Lookouts()
+        pods = [placed(make_driver("x")), placed(make_executor("x"))]
+        world.api.events_about["uid-of-x-1-driver"] = [MOUNT]
+        about, begun = world.api.events_of, asyncio.get_running_loop().time()
+
+        async def slowly(namespace: str, uid: str) -> list[Any]:
+            await asyncio.sleep(10)
+            return await about(namespace, uid)
+
+        world.api.events_of = slowly  # type: ignore[method-assign]
+        await world.found(*pods)
+        assert await world.found(*pods, after=10) == MOUNTS
+        assert asyncio.get_running_loop().time() - begun == 15
+        # And it is not asked for again at once.
+        assert await world.found(*pods, after=3) == MOUNTS
+        assert asyncio.get_running_loop().time() - begun == 15
+
+    virtual_time.run(look())

@@ -25,8 +25,11 @@ MOST_EVENTS = 100
 # Anybody with rights in a namespace may write others, of 1.4 MB each: a page takes seven.
 EVENTS_IN_PAGE = 5
 TIMEOUT = "Timeout"
-# By the API server, before the webhook's own words.
-_DENIED = re.compile(r'^admission webhook "[^"]*" denied the request')
+# By the API server, before the webhook's own words; and by a policy of an administrator's.
+_DENIED = re.compile(
+    r'^admission webhook "[^"]*" denied the request'
+    r"|ValidatingAdmissionPolicy '[^']*' with binding '[^']*' denied request"
+)
 # How much earlier the API server gives up than we do: its answer has to arrive.
 ANSWER_SECONDS = 0.5
 # One in good health may need as long for a pod.
@@ -47,14 +50,14 @@ class ApiError(Exception):
     def is_gone(self, name: str) -> bool:
         """Whether there is no object of that name; any other 404, as of a proxy or of a CRD that is
         not served for a moment, says nothing of it."""
-        missing = self.status == 404 and self.reason == "NotFound" and not self.webhook_denies
+        missing = self.status == 404 and self.reason == "NotFound" and not self.admission_denies
         return missing and f'"{name}"' in self.message
 
     @property
     def name_is_taken(self) -> bool:
         """Whether what was to be created is there; any other conflict may pass."""
         taken = self.status == 409 and self.reason == "AlreadyExists"
-        return taken and not self.webhook_denies
+        return taken and not self.admission_denies
 
     def is_anothers(self, uid: str) -> bool:
         """Whether the object is not the one with that UID; any other conflict, as by a webhook's
@@ -82,14 +85,20 @@ class ApiError(Exception):
         return self.status == 500 and "failed calling webhook" in self.message
 
     @property
-    def webhook_denies(self) -> bool:
-        """Whether an admission webhook answered with a denial; it chooses the status itself."""
+    def admission_denies(self) -> bool:
+        """Whether an admission webhook or policy answered with a denial; it chooses the status."""
         return _DENIED.search(self.message) is not None
+
+    @property
+    def refuses(self) -> bool:
+        """Whether the API server has refused what was asked, and would so again; not a conflict,
+        nor what it had no time or no turn for."""
+        return self.status in {400, 403, 413, 422, 500} or self.admission_denies
 
     @property
     def timed_out(self) -> bool:
         """Whether the API server gave no answer in time; it may have done what was asked."""
-        late = self.status == 504 and not self.webhook_denies
+        late = self.status == 504 and not self.admission_denies
         return late or (self.status == 0 and self.reason == TIMEOUT)
 
     @property

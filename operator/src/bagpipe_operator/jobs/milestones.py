@@ -11,6 +11,7 @@ from typing import get_args
 from bagpipe_operator.api import conditions, readings, reasons
 from bagpipe_operator.api.objects import Json
 from bagpipe_operator.jobs.claim import COLD
+from bagpipe_operator.jobs.policies.deletion import was_deleted
 from bagpipe_operator.jobs.pools.warm import ColdReason
 from bagpipe_operator.jobs.view import JobView
 
@@ -50,8 +51,10 @@ def passed(before: JobView, after: JobView) -> Iterator[tuple[str, float]]:
 
 
 def ended(before: JobView, after: JobView) -> Ended | None:
-    """How the job ended, if it did so between the two statuses."""
-    if before.finished or not after.finished:
+    """How the job ended, if it did so between the two statuses; whoever deleted it has ended it,
+    and nothing has failed.
+    """
+    if before.finished or not after.finished or was_deleted(after.status):
         return None
     verdict = str(after.status.get("verdict") or "None")
     # Not its phase, which may be any text where somebody else has written the status meanwhile.

@@ -47,6 +47,8 @@ class Observer:
     lookup: DriverLookup
     starts: DriverStart
     _patience: Patience = field(default_factory=Patience)
+    # By job: the attempt whose pod has confirmed an end that is not written yet, and that end.
+    _confirmed: dict[str, tuple[int, Ending]] = field(default_factory=dict)
     _lookout: Lookout = field(init=False)
 
     def __post_init__(self) -> None:
@@ -73,6 +75,7 @@ class Observer:
         """Of a job that has ended, rests or is gone nothing is kept."""
         self._patience.forget(uid)
         self._lookout.forget(uid)
+        self._confirmed.pop(uid, None)
 
     async def _observe(self, job: JobView) -> Observation:
         halt = halt_of(job, self.now())
@@ -110,7 +113,8 @@ class Observer:
     ) -> tuple[PodView | None, Progress | None, Ending | None]:
         """The account of a driver that serves it, or the end that it reports.
 
-        That counts where its pod is there: else another may have its address, and have answered.
+        That counts where its pod is there, or was at an earlier visit: else another may have its
+        address, and have answered.
         """
         progress = await self.lookup.account_of(driver)
         ending = has_ended(progress, driver.job_uid, driver.attempt)
@@ -118,9 +122,13 @@ class Observer:
             return driver, progress, None
         live = await self.lookup.refreshed(driver)
         if live is None:
+            attempt, confirmed = self._confirmed.get(driver.job_uid, (0, ending))
+            if attempt == driver.attempt:
+                return None, None, confirmed
             return None, None, lost_driver(driver.namespace, driver.name, driver)
         shown = ending_of(live, self.now())
         if shown is None and serves(live) and live.ip == driver.ip:
+            self._confirmed[driver.job_uid] = (driver.attempt, ending)
             return live, progress, ending
         return live, None, shown
 
@@ -182,7 +190,8 @@ class Observer:
         gone = [pod for pod in self.view.gone_pods(job.uid) if pod.attempt == attempt]
         wanting = progress is not None and progress.phase == "Running" and halt is None
         left = progress.cases.left if progress is not None and wanting else None
-        looked_up = await self._lookout.look(job, attempt, pods, left)
+        # Why pods wait that are to go is nobody's question, and the answer may take a while.
+        looked_up = () if halt else await self._lookout.look(job, attempt, pods, left)
         found = tuple(troubles(pods, self.now(), gone, looked_up))
         wants = {t.reason for t in found} | ({refusal.reason} if refusal else set())
         on_nodes = any(pod.unschedulable for pod in pods)

@@ -163,7 +163,13 @@ class Reconciler:
         if await self._observer.was_behind(seen):
             return job  # the next visit decides by what is known now
         status = decide(seen, self.now(), self.settings.stuck_seconds)
-        written = await self._writer.write(job, status)
+        try:
+            written = await self._writer.write(job, status)
+        except ApiError as error:
+            # Anybody may fill his job until no status fits it: that keeps no pod.
+            if seen.halt is not None and error.refuses:
+                await self._removal.gracefully(job)
+            raise
         halted = written is not None and not written.finished and seen.halt is not None
         if written is not None and halted and await self._removal.gracefully(written):
             self._forget(written.uid)
@@ -225,7 +231,7 @@ class Reconciler:
             )
         except ApiError as error:
             # What a webhook denies is tried again after growing pauses, whatever code it chose.
-            if error.status not in {404, 409} or error.webhook_denies:
+            if error.status not in {404, 409} or error.admission_denies:
                 raise
             await self._writer.reread(job)
         else:

@@ -190,7 +190,7 @@ def _refusal_of(error: ApiError, job: JobView, what: str) -> Refusal | None:
         reason = reasons.QUOTA_EXCEEDED if error.quota_is_full else reasons.CREATION_REFUSED
         return Refusal(reason, message, lasting=False)
     lasting = error.status in {400, 403, 413, 422} or _NO_NAME in error.message
-    if lasting or error.webhook_denies:
+    if lasting or error.admission_denies:
         # A webhook may mean by another code that it is to be asked again.
         message = f"The API server refuses {what}: {error.message}"
         return Refusal(reasons.CREATION_REFUSED, message, lasting)

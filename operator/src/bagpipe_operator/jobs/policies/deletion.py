@@ -1,6 +1,7 @@
 """Deletion: a job that is being deleted, and whose object somebody's finalizer keeps. Pure."""
 
-from bagpipe_operator.api import reasons
+from bagpipe_operator.api import conditions, reasons
+from bagpipe_operator.api.objects import Json
 from bagpipe_operator.jobs.observation import Halt
 from bagpipe_operator.jobs.view import JobView
 
@@ -18,3 +19,9 @@ def deletion(job: JobView) -> Halt | None:
         " entry any more."
     )
     return Halt(reasons.JOB_DELETED, message, final=True)
+
+
+def was_deleted(status: Json) -> bool:
+    """Whether a job ended because somebody deleted it, who knows."""
+    failed = conditions.find(status.get("conditions") or [], conditions.FAILED)
+    return failed is not None and failed["reason"] == reasons.JOB_DELETED

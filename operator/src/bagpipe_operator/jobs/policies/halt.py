@@ -18,13 +18,9 @@ def halt_of(job: JobView, now: datetime) -> Halt | None:
     or the clock set back: the driver has been asked to stop and must not be counted
     as lost.
     """
-    return (
-        deletion(job)
-        or suspension(job)
-        or reported_late(job)
-        or late_start(job, now)
-        or late_end(job, now)
-    )
+    if job.deleting:
+        return reported_late(job) or deletion(job)
+    return suspension(job) or reported_late(job) or late_start(job, now) or late_end(job, now)
 
 
 def halt_as_seen(

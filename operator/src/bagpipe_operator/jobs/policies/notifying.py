@@ -10,6 +10,7 @@ from datetime import datetime
 from bagpipe_operator.api import conditions, readings, reasons
 from bagpipe_operator.api.conditions import Condition
 from bagpipe_operator.api.objects import Json
+from bagpipe_operator.jobs.policies.deletion import was_deleted
 from bagpipe_operator.jobs.view import JobView
 from bagpipe_operator.notify.letter import Outcome
 from bagpipe_operator.receivers import MOST_NAMED, Receiver, Receivers
@@ -89,16 +90,10 @@ def _owed(job: JobView, status: Json, receivers: Receivers) -> list[Json] | None
     asking = [each.name for each in known if each.events & kinds]
     if not known and not unknown:
         return None
-    if _was_deleted(status):
+    if was_deleted(status):
         return []
     owed = [{"receiver": name, "state": PENDING} for name in asking]
     return owed + [{"receiver": name, "state": UNKNOWN} for name in unknown]
-
-
-def _was_deleted(status: Json) -> bool:
-    """Whether a job ended because somebody deleted it, who knows."""
-    failed = conditions.find(status.get("conditions") or [], conditions.FAILED)
-    return failed is not None and failed["reason"] == reasons.JOB_DELETED
 
 
 def _settled(

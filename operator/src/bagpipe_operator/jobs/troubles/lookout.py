@@ -2,9 +2,10 @@
 
 Bounded: a pod must have waited for LOOK_AFTER_SECONDS, a job is looked into once in
 LOOK_EVERY_SECONDS (more seldom when many jobs of its namespace wait: see fair_share.py), and of its
-pods the first MOST_PODS; many pods of one job wait for one cause.
+pods the first MOST_PODS, for MOST_SECONDS in all; many pods of one job wait for one cause.
 """
 
+import asyncio
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -26,6 +27,8 @@ logger = logging.getLogger(__name__)
 
 LOOK_AFTER_SECONDS = 2.0
 LOOK_EVERY_SECONDS = 4.0
+# A visit has 60 s for all it does, and anybody may write hundreds of Events about each claim.
+MOST_SECONDS = 15.0
 MOST_PODS = 3
 # Of a pod that names thousands; an executor of Bagpipe's has a handful.
 MOST_CLAIMS = 20
@@ -72,9 +75,15 @@ class Lookout:
         known = self._found.get(job.uid)
         if known and now - known.at < self._share.seconds(job.namespace):
             return known.troubles
-        found = [t for pod in suspects for t in await self._of_pod(pod)]
-        if missing:
-            found += await self._of_executors(job, attempt, pods)
+        found: list[Trouble] = []
+        try:
+            async with asyncio.timeout(MOST_SECONDS):
+                for pod in suspects:
+                    found += await self._of_pod(pod)
+                if missing:
+                    found += await self._of_executors(job, attempt, pods)
+        except TimeoutError:
+            logger.warning("%s/%s: not looked into to the end", job.namespace, job.name)
         self._found[job.uid] = _Found(now, tuple(found))
         self._share.add(job.uid, job.namespace)
         return tuple(found)
