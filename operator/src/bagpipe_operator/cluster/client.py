@@ -90,10 +90,15 @@ class ApiError(Exception):
         return _DENIED.search(self.message) is not None
 
     @property
+    def refuses_for_good(self) -> bool:
+        """Whether only a person can have it take what was asked: it is invalid, or forbidden."""
+        return self.status in {400, 403, 413, 422}
+
+    @property
     def refuses(self) -> bool:
         """Whether the API server has refused what was asked, and would so again; not a conflict,
         nor what it had no time or no turn for."""
-        return self.status in {400, 403, 413, 422, 500} or self.admission_denies
+        return self.refuses_for_good or self.status == 500 or self.admission_denies
 
     @property
     def timed_out(self) -> bool:

@@ -45,7 +45,7 @@ def refusal_of(error: ApiError, name: str) -> Refused | None:
             f"the API server gives no answer in time about the job {name}, as where an admission "
             f"webhook hangs: {error.message}",
         )
-    refused = error.status in {400, 403, 413, 422} or error.admission_denies
+    refused = error.refuses_for_good or error.admission_denies
     if refused or error.webhook_is_down:
         return Refused(
             reasons.CREATION_REFUSED, f"the API server refuses the job {name}: {error.message}"

@@ -222,7 +222,7 @@ class Queueing:
             )
         except ApiError as error:
             # A webhook that hangs may have been waited for in vain: the next visit looks first.
-            refused = error.status in {400, 403, 404, 413, 422} or error.admission_denies
+            refused = error.refuses_for_good or error.status == 404 or error.admission_denies
             if refused or error.webhook_is_awaited:
                 self._refuse(job, f"Its Workload can't be created: {error.message}")
             else:

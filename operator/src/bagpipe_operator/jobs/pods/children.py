@@ -189,7 +189,7 @@ def _refusal_of(error: ApiError, job: JobView, what: str) -> Refusal | None:
     if (message := _awaited(error, what)) is not None:
         reason = reasons.QUOTA_EXCEEDED if error.quota_is_full else reasons.CREATION_REFUSED
         return Refusal(reason, message, lasting=False)
-    lasting = error.status in {400, 403, 413, 422} or _NO_NAME in error.message
+    lasting = error.refuses_for_good or _NO_NAME in error.message
     if lasting or error.admission_denies:
         # A webhook may mean by another code that it is to be asked again.
         message = f"The API server refuses {what}: {error.message}"
