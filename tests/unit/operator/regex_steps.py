@@ -225,7 +225,7 @@ class Steps:
             return letter != "\n" or bool(self._flags & re.DOTALL)
         if operation is sre.IN:
             return is_in(value, letter)
-        raise NotImplementedError(operation)
+        raise ValueError(f"{operation} is no operation that this matcher knows: add it here")
 
 
 def is_in(choices: Any, letter: str) -> bool:

@@ -51,8 +51,8 @@ def passed(before: JobView, after: JobView) -> Iterator[tuple[str, float]]:
 
 
 def ended(before: JobView, after: JobView) -> Ended | None:
-    """How the job ended, if it did so between the two statuses; whoever deleted it has ended it,
-    and nothing has failed.
+    """How the job ended, if it did so between the two statuses, and was not deleted: then nothing
+    has failed.
     """
     if before.finished or not after.finished or was_deleted(after.status):
         return None

@@ -346,20 +346,21 @@ async def test_what_a_webhook_denies_replaces_nothing_whatever_code_it_chose(sta
     assert [event["reason"] for event in world.api.written_events].count("CreationRefused") == 1
 
 
-async def test_a_conflict_that_passes_keeps_no_run_from_its_start() -> None:
+@pytest.mark.parametrize(
+    "passing",
+    [
+        ApiError(409, "Conflict", 'Operation cannot be fulfilled on resourcequotas "jobs"'),
+        # Of what is replaced.
+        ApiError(403, "Forbidden", "exceeded quota: jobs, used: 1, limited: 1"),
+    ],
+    ids=["conflict", "quota"],
+)
+async def test_what_passes_when_the_one_before_is_gone_keeps_no_run_from_its_start(
+    passing: ApiError,
+) -> None:
     world = World(concurrencyPolicy="Replace")
     await world.at(1)
-    modified = ApiError(409, "Conflict", 'Operation cannot be fulfilled on resourcequotas "jobs"')
-    world.api.fail(f"try {name_of(2)}", modified)
-    await world.at(2)
-    assert world.names == [name_of(2)]
-
-
-async def test_a_quota_that_is_full_of_what_is_replaced_keeps_no_run_from_its_start() -> None:
-    world = World(concurrencyPolicy="Replace")
-    await world.at(1)
-    full = ApiError(403, "Forbidden", "exceeded quota: jobs, used: 1, limited: 1")
-    world.api.fail(f"try {name_of(2)}", full)
+    world.api.fail(f"try {name_of(2)}", passing)
     await world.at(2)
     assert world.names == [name_of(2)]
 

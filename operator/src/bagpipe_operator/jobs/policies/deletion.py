@@ -22,6 +22,6 @@ def deletion(job: JobView) -> Halt | None:
 
 
 def was_deleted(status: Json) -> bool:
-    """Whether a job ended because somebody deleted it, who knows."""
+    """Whether a job ended because somebody deleted it: nobody has to be notified of that."""
     failed = conditions.find(status.get("conditions") or [], conditions.FAILED)
     return failed is not None and failed["reason"] == reasons.JOB_DELETED
