@@ -65,12 +65,13 @@ fn what_one_lost_that_came_late_is_waited_for_once() {
     let mut other = None;
     let mut seen = |progress: Progress| {
         if progress.stage == Stage::Play && progress.sent > 0 && other.is_none() {
-            // It publishes before it knows anybody.
-            other = Some(start_other(&scene, &["--burst", "50", "--every-us", "5000"]));
+            // It publishes before it knows anybody, and leaves the lane time for all that came.
+            let words = ["--burst", "50", "--every-us", "5000", "--in-all", "250"];
+            other = Some(start_other(&scene, &words));
             scene.await_published("/in", 50);
         }
     };
-    let ask = Ask { mode: Mode::Lockstep, drain: Duration::from_secs(1), ..DEFAULT };
+    let ask = Ask { mode: Mode::Lockstep, drain: Duration::from_secs(20), ..DEFAULT };
     let played = recording_of(&strings(RELIABLE), 400, 60);
     let replayed = scene.play_while(&played, &ask, &mut seen).unwrap();
     assert_unproved(&replayed, 400);
