@@ -234,6 +234,12 @@ pictures: preflight-all venv test-programs recording agent ## Make the documenta
 test-rust: recording test-agent fastdds npm-packages ## Run the agent's tests, against Debian's ROS (part of test)
 	$(STEP) "Testing the agent" $(AT_ITS_END) -- $(TEST_AGENT) --no-fail-fast
 
+.PHONY: stalls
+stalls: recording test-agent fastdds npm-packages ## Run the agent's tests while processes and threads stand still at random (SEED=7, TESTS='ros2/ rest')
+	$(STEP) "Stalling the agent's tests" --if-it-fails "It says above who stood still when; SEED= has the same pauses again." -- \
+	  env -u MAKEFLAGS -u MFLAGS CARGO_TARGET_DIR="$(BAGPIPE_CACHE)/cargo-debug" \
+	  .venv/bin/python -m tests.stalls.run $(if $(SEED),--seed $(SEED)) $(TESTS)
+
 .PHONY: test-integration
 test-integration: test-together ## Run worker, agent and real nodes together (part of test)
 	@$(MAKE) test-together-alone

@@ -20,6 +20,7 @@ ALL = [
     "test-nodes",
     "down",
     "test-rust",
+    "stalls",
     "fuzz SECONDS=120",
     "fuzz TARGET=manifests SECONDS=1200",
     "mutants",
@@ -58,7 +59,17 @@ def nightly(folder: Path, *parts: str, fails: str = "") -> tuple[int, list[str],
 def test_all_parts_run_one_after_the_other(tmp_path: Path) -> None:
     status, asked, outcomes = nightly(tmp_path)
     assert (status, asked) == (0, ALL)
-    parts = ["slow", "nodes", "rust", "fuzz", "manifests", "mutants", "mutants-rust", "bench"]
+    parts = [
+        "slow",
+        "nodes",
+        "rust",
+        "stalls",
+        "fuzz",
+        "manifests",
+        "mutants",
+        "mutants-rust",
+        "bench",
+    ]
     assert outcomes == [f"{part}: passed" for part in parts]
 
 
@@ -79,5 +90,5 @@ def test_an_unknown_part_is_refused_before_any_runs(tmp_path: Path) -> None:
     assert (status, asked) == (2, [])
     (usage,) = outcomes
     assert usage.endswith(
-        "fuzzers is none of: slow nodes rust fuzz manifests mutants mutants-rust bench"
+        "fuzzers is none of: slow nodes rust stalls fuzz manifests mutants mutants-rust bench"
     )

@@ -1,0 +1,134 @@
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.stalls.freeze import descendants, freeze_process, freeze_thread, threads
+from tests.waiting import PATIENCE, wait_until
+
+# One thread beside its first, which is known by then; it ends with its standard input.
+TWO_THREADS = """
+import sys, threading
+threading.Thread(target=threading.Event().wait, daemon=True).start()
+print("ready", flush=True)
+sys.stdin.read()
+"""
+# A process with a child of its own, which ends with it.
+PARENT = """
+import subprocess, sys
+child = subprocess.Popen(["cat"], stdin=subprocess.PIPE)
+print(child.pid, flush=True)
+sys.stdin.read()
+"""
+
+
+@pytest.fixture
+def started() -> Iterator[list[subprocess.Popen[str]]]:
+    """Processes that end with the test."""
+    all_of_them: list[subprocess.Popen[str]] = []
+    yield all_of_them
+    for each in all_of_them:
+        each.communicate(timeout=30)
+
+
+def start(started: list[subprocess.Popen[str]], program: str) -> tuple[int, str]:
+    """Its number, and the first line that it wrote."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    started.append(process)
+    assert process.stdout
+    return process.pid, process.stdout.readline().strip()
+
+
+def states(pid: int) -> set[str]:
+    return {state(pid, each) for each in [pid, *threads(pid)]}
+
+
+def state(pid: int, thread: int) -> str:
+    return Path(f"/proc/{pid}/task/{thread}/stat").read_text().rpartition(")")[2].split()[0]
+
+
+def test_a_process_is_stopped_for_so_long_and_goes_on(started: list[subprocess.Popen[str]]) -> None:
+    pid, _ = start(started, TWO_THREADS)
+    asked = []
+
+    def sleep(seconds: float) -> None:
+        asked.append(seconds)
+        # T is stopped (proc_pid_stat(5)); each thread comes to it when it gets a processor.
+        wait_until(lambda: states(pid) == {"T"}, PATIENCE, lambda: f"T, in place of {states(pid)}")
+
+    assert freeze_process(pid, 0.25, sleep)
+    assert asked == [0.25]
+    wait_until(lambda: states(pid) == {"S"}, PATIENCE, lambda: f"S, in place of {states(pid)}")
+
+
+def test_a_process_goes_on_though_the_pause_fails(started: list[subprocess.Popen[str]]) -> None:
+    pid, _ = start(started, TWO_THREADS)
+
+    def sleep(_: float) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        freeze_process(pid, 0.25, sleep)
+    wait_until(lambda: states(pid) == {"S"}, PATIENCE, lambda: f"S, in place of {states(pid)}")
+
+
+def test_one_thread_is_stopped_and_the_others_of_its_process_go_on(
+    started: list[subprocess.Popen[str]],
+) -> None:
+    pid, _ = start(started, TWO_THREADS)
+    (second,) = threads(pid)
+    seen = []
+
+    def sleep(seconds: float) -> None:
+        # t is stopped by who traces it, which has waited for that.
+        assert state(pid, second) == "t"
+        wait_until(lambda: state(pid, pid) == "S", PATIENCE, "the first thread at its read")
+        seen.append(seconds)
+
+    assert freeze_thread(second, 0.25, sleep)
+    # Nobody traces it any more: the next one can.
+    assert freeze_thread(second, 0.5, sleep)
+    assert seen == [0.25, 0.5]
+    wait_until(lambda: state(pid, second) == "S", PATIENCE, "the second thread at its wait")
+
+
+def test_a_process_that_is_killed_while_a_thread_of_it_stands_still_can_be_waited_for(
+    started: list[subprocess.Popen[str]],
+) -> None:
+    pid, _ = start(started, TWO_THREADS)
+    (second,) = threads(pid)
+    assert freeze_thread(second, 0.25, lambda _: started[0].kill())
+    assert started[0].wait(PATIENCE) == -signal.SIGKILL
+
+
+def test_who_has_ended_is_not_stopped() -> None:
+    process = subprocess.Popen([sys.executable, "-c", ""])
+    process.wait(30)
+    calls: list[float] = []
+    assert not freeze_process(process.pid, 0.25, calls.append)
+    assert not freeze_thread(process.pid, 0.25, calls.append)
+    assert calls == []
+    assert (threads(process.pid), descendants(process.pid)) == ([], [])
+
+
+def test_processes_below_one_are_found_at_any_depth_and_stopped_ones_are_not(
+    started: list[subprocess.Popen[str]],
+) -> None:
+    pid, child = start(started, PARENT)
+    assert descendants(pid) == [int(child)]
+    mine = subprocess.Popen(["/bin/cat"], stdin=subprocess.PIPE, text=True)
+    started.append(mine)
+    here = descendants(threading.main_thread().native_id or 0)
+    assert {pid, int(child), mine.pid} <= set(here)
+    assert here.index(pid) < here.index(int(child))
+
+    def sleep(_: float) -> None:
+        wait_until(lambda: not descendants(pid), PATIENCE, "nobody that runs")
+
+    assert freeze_process(int(child), 0.25, sleep)
