@@ -10,15 +10,15 @@ from pathlib import Path
 PROC = Path("/proc")
 # linux/ptrace.h: a thread that is seized and interrupted stands still until it is let go, and the
 # others of its process go on; SIGSTOP would stop all of them.
-_SEIZE, _INTERRUPT, _DETACH = 0x4206, 0x4207, 17
+_SEIZE, _INTERRUPT, _DETACH, _EVENT_STOP = 0x4206, 0x4207, 17, 128
 # waitpid(2): a thread is no child, and is waited for all the same.
 _WALL = 0x40000000
 
 Sleep = Callable[[float], None]
 
 
-def freeze_process(pid: int, seconds: float, sleep: Sleep = time.sleep) -> bool:
-    """Stop a process for a while; whether it was there."""
+def freeze_child(pid: int, seconds: float, sleep: Sleep = time.sleep) -> bool:
+    """Stop a child whom nobody else stops for a while; whether it was there."""
     if not _signal(pid, signal.SIGSTOP):
         return False
     try:
@@ -28,25 +28,30 @@ def freeze_process(pid: int, seconds: float, sleep: Sleep = time.sleep) -> bool:
     return True
 
 
-def freeze_thread(thread: int, seconds: float, sleep: Sleep = time.sleep) -> bool:
-    """Stop one thread of a process of ours for a while; whether that was possible.
+def freeze_process(pid: int, seconds: float, sleep: Sleep = time.sleep) -> bool:
+    """Stop a process that is no child for a while; whether it was there.
 
-    It is not where the thread has ended, or where the system lets nobody trace (ptrace(2)). The
-    first thread of a child must not be asked for: to wait for it is to wait for the child, whose
-    status would be lost.
+    Who is stopped by a signal meanwhile stays so: to end a stall by SIGCONT would end that, too.
     """
-    if not _ptrace(_SEIZE, thread):
-        return False
-    _ptrace(_INTERRUPT, thread)
-    # It stands still by then or has ended; who has ended and is not waited for keeps its process.
-    if not os.WIFSTOPPED(os.waitpid(thread, _WALL)[1]):
-        return False
+    return freeze_threads([pid, *threads(pid)], seconds, sleep)
+
+
+def freeze_threads(these: list[int], seconds: float, sleep: Sleep = time.sleep) -> bool:
+    """Stop threads for a while, and no others of their process; whether one stood still.
+
+    None does that has ended, or where the system lets nobody trace (ptrace(2)). The first thread
+    of a child must not be among them: to wait for it is to wait for the child, whose status would
+    be lost.
+    """
+    stopped = [(each, at) for each in these if (at := _stop(each)) is not None]
     try:
-        sleep(seconds)
+        if stopped:
+            sleep(seconds)
     finally:
-        if not _ptrace(_DETACH, thread):
-            os.waitpid(thread, _WALL)
-    return True
+        for thread, its_signal in stopped:
+            if not _ptrace(_DETACH, thread, its_signal):
+                os.waitpid(thread, _WALL)
+    return bool(stopped)
 
 
 def descendants(pid: int) -> list[int]:
@@ -87,8 +92,20 @@ def _state_and_parent(folder: Path) -> tuple[str, int] | None:
     return words[0], int(words[1])
 
 
-def _ptrace(request: int, thread: int) -> bool:
+def _stop(thread: int) -> int | None:
+    """The signal that a thread is to get when it goes on, mostly 0; None where it has ended."""
+    if not _ptrace(_SEIZE, thread):
+        return None
+    _ptrace(_INTERRUPT, thread)
+    # It stands still by then or has ended; who has ended and is not waited for keeps its process.
+    status = os.waitpid(thread, _WALL)[1]
+    if not os.WIFSTOPPED(status):
+        return None
+    return 0 if status >> 16 == _EVENT_STOP else os.WSTOPSIG(status)
+
+
+def _ptrace(request: int, thread: int, data: int = 0) -> bool:
     trace = ctypes.CDLL(None).ptrace
     trace.restype = ctypes.c_long
-    status: int = trace(*(ctypes.c_long(each) for each in (request, thread, 0, 0)))
+    status: int = trace(*(ctypes.c_long(each) for each in (request, thread, 0, data)))
     return status == 0

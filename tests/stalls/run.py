@@ -24,7 +24,14 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 
-from tests.stalls.freeze import PROC, descendants, freeze_process, freeze_thread, threads
+from tests.stalls.freeze import (
+    PROC,
+    descendants,
+    freeze_child,
+    freeze_process,
+    freeze_threads,
+    threads,
+)
 
 ROOT = Path(__file__).parents[2]
 AGENT = ROOT / "images/agent"
@@ -170,10 +177,14 @@ def _freeze(test: int, stall: Stall) -> str | None:
     its_threads = [] if below else threads(test)
     these = below or its_threads or [test]
     who = these[int(stall.whom * len(these))]
-    name, freeze = _name(who), freeze_thread if its_threads else freeze_process
-    return (
-        f"{'thread' if its_threads else 'process'} {name}" if freeze(who, stall.seconds) else None
-    )
+    name = f"{'thread' if its_threads else 'process'} {_name(who)}"
+    if below:
+        froze = freeze_process(who, stall.seconds)
+    elif its_threads:
+        froze = freeze_threads([who], stall.seconds)
+    else:
+        froze = freeze_child(test, stall.seconds)
+    return name if froze else None
 
 
 def _name(who: int) -> str:

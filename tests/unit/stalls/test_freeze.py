@@ -1,3 +1,4 @@
+import os
 import signal
 import subprocess
 import sys
@@ -7,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.stalls.freeze import descendants, freeze_process, freeze_thread, threads
+from tests.stalls.freeze import descendants, freeze_child, freeze_process, freeze_threads, threads
 from tests.waiting import PATIENCE, wait_until
 
 # One thread beside its first, which is known by then; it ends with its standard input.
@@ -19,8 +20,12 @@ sys.stdin.read()
 """
 # A process with a child of its own, which ends with it.
 PARENT = """
-import subprocess, sys
-child = subprocess.Popen(["cat"], stdin=subprocess.PIPE)
+import os, subprocess, sys
+wait = "threading.Thread(target=threading.Event().wait, daemon=True).start()"
+code = f"import threading; {wait}; input()"
+child = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE)
+while len(os.listdir(f"/proc/{child.pid}/task")) < 2:
+    pass
 print(child.pid, flush=True)
 sys.stdin.read()
 """
@@ -49,11 +54,15 @@ def states(pid: int) -> set[str]:
     return {state(pid, each) for each in [pid, *threads(pid)]}
 
 
+def await_rest(pid: int) -> None:
+    wait_until(lambda: states(pid) == {"S"}, PATIENCE, lambda: f"S, in place of {states(pid)}")
+
+
 def state(pid: int, thread: int) -> str:
     return Path(f"/proc/{pid}/task/{thread}/stat").read_text().rpartition(")")[2].split()[0]
 
 
-def test_a_process_is_stopped_for_so_long_and_goes_on(started: list[subprocess.Popen[str]]) -> None:
+def test_a_child_is_stopped_for_so_long_and_goes_on(started: list[subprocess.Popen[str]]) -> None:
     pid, _ = start(started, TWO_THREADS)
     asked = []
 
@@ -62,20 +71,45 @@ def test_a_process_is_stopped_for_so_long_and_goes_on(started: list[subprocess.P
         # T is stopped (proc_pid_stat(5)); each thread comes to it when it gets a processor.
         wait_until(lambda: states(pid) == {"T"}, PATIENCE, lambda: f"T, in place of {states(pid)}")
 
-    assert freeze_process(pid, 0.25, sleep)
+    assert freeze_child(pid, 0.25, sleep)
     assert asked == [0.25]
-    wait_until(lambda: states(pid) == {"S"}, PATIENCE, lambda: f"S, in place of {states(pid)}")
+    await_rest(pid)
 
 
-def test_a_process_goes_on_though_the_pause_fails(started: list[subprocess.Popen[str]]) -> None:
+def test_a_child_goes_on_though_the_pause_fails(started: list[subprocess.Popen[str]]) -> None:
     pid, _ = start(started, TWO_THREADS)
 
     def sleep(_: float) -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        freeze_process(pid, 0.25, sleep)
-    wait_until(lambda: states(pid) == {"S"}, PATIENCE, lambda: f"S, in place of {states(pid)}")
+        freeze_child(pid, 0.25, sleep)
+    await_rest(pid)
+
+
+def test_all_threads_of_a_process_are_stopped_and_go_on(
+    started: list[subprocess.Popen[str]],
+) -> None:
+    _, child = start(started, PARENT)
+    seen = []
+
+    def sleep(seconds: float) -> None:
+        seen.append((seconds, states(int(child))))
+
+    assert freeze_process(int(child), 0.25, sleep)
+    # t is stopped by who traces it, which has waited for that.
+    assert seen == [(0.25, {"t"})]
+    await_rest(int(child))
+
+
+def test_who_is_stopped_by_a_signal_during_a_stall_stays_so(
+    started: list[subprocess.Popen[str]],
+) -> None:
+    _, child = start(started, PARENT)
+    assert freeze_process(int(child), 0.25, lambda _: os.kill(int(child), signal.SIGSTOP))
+    wait_until(lambda: states(int(child)) == {"T"}, PATIENCE, "a child that is still stopped")
+    os.kill(int(child), signal.SIGCONT)
+    await_rest(int(child))
 
 
 def test_one_thread_is_stopped_and_the_others_of_its_process_go_on(
@@ -91,9 +125,9 @@ def test_one_thread_is_stopped_and_the_others_of_its_process_go_on(
         wait_until(lambda: state(pid, pid) == "S", PATIENCE, "the first thread at its read")
         seen.append(seconds)
 
-    assert freeze_thread(second, 0.25, sleep)
+    assert freeze_threads([second], 0.25, sleep)
     # Nobody traces it any more: the next one can.
-    assert freeze_thread(second, 0.5, sleep)
+    assert freeze_threads([second], 0.5, sleep)
     assert seen == [0.25, 0.5]
     wait_until(lambda: state(pid, second) == "S", PATIENCE, "the second thread at its wait")
 
@@ -103,7 +137,7 @@ def test_a_process_that_is_killed_while_a_thread_of_it_stands_still_can_be_waite
 ) -> None:
     pid, _ = start(started, TWO_THREADS)
     (second,) = threads(pid)
-    assert freeze_thread(second, 0.25, lambda _: started[0].kill())
+    assert freeze_threads([second], 0.25, lambda _: started[0].kill())
     assert started[0].wait(PATIENCE) == -signal.SIGKILL
 
 
@@ -111,8 +145,8 @@ def test_who_has_ended_is_not_stopped() -> None:
     process = subprocess.Popen([sys.executable, "-c", ""])
     process.wait(30)
     calls: list[float] = []
-    assert not freeze_process(process.pid, 0.25, calls.append)
-    assert not freeze_thread(process.pid, 0.25, calls.append)
+    assert not freeze_child(process.pid, 0.25, calls.append)
+    assert not freeze_threads([process.pid], 0.25, calls.append)
     assert calls == []
     assert (threads(process.pid), descendants(process.pid)) == ([], [])
 

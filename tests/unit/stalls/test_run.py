@@ -48,9 +48,9 @@ def test_processes_below_a_test_stand_still_and_go_on(tmp_path: Path) -> None:
 import pathlib, subprocess
 child = subprocess.Popen(["sleep", "60"])
 state = lambda: pathlib.Path(f"/proc/{child.pid}/stat").read_text().rpartition(")")[2].split()[0]
-while state() != "T":
+while state() != "t":
     pass
-while state() == "T":
+while state() == "t":
     pass
 child.kill()
 """
