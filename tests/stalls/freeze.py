@@ -48,7 +48,8 @@ def freeze_threads(these: list[int], seconds: float, sleep: Sleep = time.sleep) 
         if stopped:
             sleep(seconds)
     finally:
-        for thread, its_signal in stopped:
+        # Of a process that was killed meanwhile the first thread has ended when all others have.
+        for thread, its_signal in reversed(stopped):
             if not _ptrace(_DETACH, thread, its_signal):
                 os.waitpid(thread, _WALL)
     return bool(stopped)

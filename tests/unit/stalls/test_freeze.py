@@ -112,6 +112,15 @@ def test_who_is_stopped_by_a_signal_during_a_stall_stays_so(
     await_rest(int(child))
 
 
+def test_a_process_that_is_killed_during_a_stall_is_let_go(
+    started: list[subprocess.Popen[str]],
+) -> None:
+    _, child = start(started, PARENT)
+    assert freeze_process(int(child), 0.25, lambda _: os.kill(int(child), signal.SIGKILL))
+    # Its parent has not asked how it ended.
+    wait_until(lambda: states(int(child)) == {"Z"}, PATIENCE, "a child that has ended")
+
+
 def test_one_thread_is_stopped_and_the_others_of_its_process_go_on(
     started: list[subprocess.Popen[str]],
 ) -> None:
