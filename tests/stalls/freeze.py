@@ -87,7 +87,7 @@ def _signal(pid: int, number: int) -> bool:
 def _state_and_parent(folder: Path) -> tuple[str, int] | None:
     try:
         # The name of a program, in brackets, may have blanks and brackets.
-        words = (folder / "stat").read_text().rpartition(")")[2].split()
+        words = (folder / "stat").read_text(errors="replace").rpartition(")")[2].split()
     except OSError:
         return None
     return words[0], int(words[1])

@@ -1,7 +1,7 @@
 """Run tests while their processes and threads stand still at random, and name those that fail.
 
     python -m tests.stalls.run [WORD...]            the agent's tests, those with one of the words
-    python -m tests.stalls.run --pytest FILE...     tests of Python
+    python -m tests.stalls.run --pytest FILE...     tests of Python; with options: -- FILE -k WORD
 
 A test that assumes that two processes keep pace, or that something is done within half a second,
 fails on a busy machine now and then. Here each test runs by itself, and again and again one process
@@ -190,7 +190,7 @@ def _freeze(test: int, stall: Stall) -> str | None:
 def _name(who: int) -> str:
     """The end of a process's command line, or a thread's name."""
     try:
-        name = (PROC / str(who) / "comm").read_text().strip()
+        name = (PROC / str(who) / "comm").read_text(errors="replace").strip()
         words = (PROC / str(who) / "cmdline").read_text(errors="replace").replace("\0", " ")
     except OSError:
         return str(who)

@@ -1,5 +1,7 @@
 import itertools
 import json
+import os
+import shutil
 import sys
 from pathlib import Path
 
@@ -15,7 +17,7 @@ def python(program: str, folder: Path) -> Command:
 
 def state(pid: int) -> str | None:
     try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+        return Path(f"/proc/{pid}/stat").read_text(errors="replace").rpartition(")")[2].split()[0]
     except OSError:
         return None
 
@@ -80,6 +82,16 @@ def test_a_test_of_one_thread_stands_still_itself_and_its_status_is_kept(tmp_pat
     assert not outcome.passed
     assert len(outcome.stalls) > 3
     assert {line.split()[0] for line in outcome.stalls} == {"process"}
+
+
+def test_a_process_of_any_name_is_named(tmp_path: Path) -> None:
+    shutil.copy(shutil.which("sleep") or "", os.fsencode(tmp_path) + b"/s\xfc")
+    program = (
+        "import os, subprocess; subprocess.run([os.getcwdb() + b'/s\\xfc', '0.3'], check=True)"
+    )
+    outcome = stalled(python(program, tmp_path), 5, PAUSES, deadline=60)
+    assert outcome.passed
+    assert any(line.startswith("process s\N{REPLACEMENT CHARACTER} (") for line in outcome.stalls)
 
 
 def test_one_that_hangs_is_ended_with_all_below_it(tmp_path: Path) -> None:
