@@ -11,16 +11,26 @@ import pytest
 
 from bagpipe.faults import FaultRule
 from bagpipe.row_facts import tally
+from bagpipe.run import case_run as case_run_module
 from bagpipe.run import memory_kills as memory_kills_module
 from bagpipe.run.case_run import Row, RunContext, run_case
 from bagpipe.run.memory_kills import kills_since, memory_kills
-from bagpipe.run.out_of_memory import out_of_memory
+from bagpipe.run.out_of_memory import named
 from bagpipe.source.planning import plan
 from bagpipe.storage import Storage
+from bagpipe.wire import session as session_module
+from bagpipe.wire import slot as slot_module
 from bagpipe.wire.frames import FrameType
-from bagpipe.wire.session import SessionError
+from bagpipe.wire.session import AgentGoneError, SessionError
 from tests.unit.bagpipe.bags import steady, write_bag
-from tests.unit.bagpipe.fake_agent import FakeAgent, Script, dying, make_slot, well_behaved
+from tests.unit.bagpipe.fake_agent import (
+    FakeAgent,
+    Script,
+    aborting,
+    dying,
+    make_slot,
+    well_behaved,
+)
 from tests.unit.bagpipe.jobs import make_spec
 
 Run = Callable[..., Row]
@@ -57,25 +67,59 @@ def run(tmp_path: Path) -> Run:
 def killed(vmstat: Path) -> Script:
     """An agent that dies when the kernel ends its container: it, rosmaster, and two nodes."""
 
+    return _killed(vmstat, 7)
+
+
+@pytest.fixture
+def killed_again(vmstat: Path) -> Script:
+    """The next one, which ends so as well."""
+    return _killed(vmstat, 11)
+
+
+def _killed(vmstat: Path, count: int) -> Script:
     def script(agent: FakeAgent) -> None:
         agent.read_until(FrameType.HELLO)
         agent.greet(agent.open_outgoing())
-        vmstat.write_text("nr_free_pages 1\noom_kill 7\n")
+        vmstat.write_text(f"nr_free_pages 1\noom_kill {count}\n")
         agent.vanish()
 
     return script
 
 
-def test_a_stack_that_takes_too_much_memory_has_failed_and_is_not_tried_again(
-    run: Run, killed: Script
+ENDED = (
+    "the stack's container ended, and meanwhile the kernel of its node ended 4 processes for"
+    " lack of memory: raise spec.stack.resources.limits.memory, or look at what the stack keeps"
+)
+
+
+def test_a_stack_that_takes_too_much_memory_twice_has_failed_and_is_not_tried_again(
+    run: Run, killed: Script, killed_again: Script
 ) -> None:
-    row = run(killed)
-    assert (row["outcome"], row["reason"], row["attempts"]) == ("failed", "StackOutOfMemory", 1)
-    assert row["message"] == (
-        "the stack's container ended, and meanwhile the kernel of its node ended 4 processes for"
-        " lack of memory: raise spec.stack.resources.limits.memory, or look at what the stack keeps"
-    )
+    row = run(killed, killed_again)
+    assert (row["outcome"], row["reason"], row["attempts"]) == ("failed", "StackOutOfMemory", 2)
+    assert row["message"] == ENDED
     assert row["result"] is None
+
+
+def test_behind_one_such_end_a_case_neither_passes_nor_fails(run: Run, killed: Script) -> None:
+    """Another pod's processes may be what the node ended, and the agent have died of something
+    else: a neighbour fails no honest stack, and no stack passes that takes too much now and then.
+    """
+    row = run(killed, well_behaved())
+    assert (row["outcome"], row["reason"], row["attempts"]) == ("invalid", "OutOfMemoryOnce", 2)
+    assert row["message"] == (
+        f"passed, but a try before it ended so: {ENDED}. Whether that was the stack, or its node's"
+        " memory, is not known: one such end more would have failed it"
+    )
+    # What was recorded can be looked at.
+    assert row["recorded"]
+    assert row["result"]
+
+
+def test_a_case_that_fails_behind_one_such_end_has_failed(run: Run, killed: Script) -> None:
+    row = run(killed, aborting("StackCrashed", "the command was ended by SIGSEGV", []))
+    assert (row["outcome"], row["attempts"]) == ("failed", 2)
+    assert row["reason"] == "StackCrashed"
 
 
 def test_a_policy_may_ask_for_another_try(run: Run, killed: Script) -> None:
@@ -83,6 +127,43 @@ def test_a_policy_may_ask_for_another_try(run: Run, killed: Script) -> None:
     row = run(killed, well_behaved(), rules=(rule,))
     assert (row["outcome"], row["attempts"]) == ("passed", 2)
     assert [each["reason"] for each in row["discarded"]] == ["StackOutOfMemory"]
+
+
+def test_what_was_ended_before_the_agent_was_met_is_not_the_stack_s(
+    run: Run, vmstat: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lease = slot_module.lease
+
+    def behind_a_neighbour(shared: Path, deadline: float) -> object:
+        vmstat.write_text("oom_kill 9\n")
+        return lease(shared, deadline)
+
+    monkeypatch.setattr(case_run_module, "lease", behind_a_neighbour)
+    row = run(dying, well_behaved())
+    assert (row["outcome"], row["attempts"]) == ("passed", 2)
+    assert [each["reason"] for each in row["discarded"]] == ["AgentDied"]
+
+
+def test_an_agent_that_ends_before_it_greets_has_started_no_stack(
+    run: Run, vmstat: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(session_module, "GREETING_SECONDS", 0.3)
+
+    def ends(agent: FakeAgent) -> None:
+        agent.read_until(FrameType.HELLO)
+        agent.open_outgoing()
+        vmstat.write_text("oom_kill 9\n")
+        agent.vanish()
+
+    row = run(ends, well_behaved())
+    assert (row["outcome"], row["attempts"]) == ("passed", 2)
+    (before,) = row["discarded"]
+    assert (before["reason"], "memory" in before["message"]) == ("AgentDied", False)
+
+
+def test_an_agent_that_is_late_to_greet_has_not_ended() -> None:
+    late = SessionError("AgentDied", "the agent did not answer within 30 s of HELLO")
+    assert named(late, 5, 1) is late
 
 
 def test_of_several_cases_in_one_container_it_is_not_known_whose_stack_it_was(
@@ -123,11 +204,11 @@ def test_what_was_ended_for_memory_on_the_same_node_spoils_no_case(run: Run, vms
 @pytest.mark.parametrize("reason", ["StackCrashed", "CaseDeadlineExceeded", "BagUnreadable"])
 def test_what_the_agent_reports_itself_stays(reason: str) -> None:
     error = SessionError(reason, "as it was", ["boom"])
-    assert out_of_memory(error, 5, 1) is error
+    assert named(error, 5, 1) is error
 
 
 def test_an_agent_that_comes_back_at_once_may_look_as_if_it_broke_the_protocol() -> None:
-    error = out_of_memory(SessionError("ProtocolError", "no frame", ["boom"]), 2, 1)
+    error = named(SessionError("ProtocolError", "no frame", ["boom"]), 2, 1)
     assert (error.reason, error.stderr) == ("StackOutOfMemory", ["boom"])
     assert "ended 2 processes for lack of memory" in str(error)
 
@@ -135,7 +216,7 @@ def test_an_agent_that_comes_back_at_once_may_look_as_if_it_broke_the_protocol()
 @pytest.mark.parametrize("slots", [1, 4])
 def test_a_single_process_that_is_ended_was_the_agent_and_no_stack(slots: int) -> None:
     """As with cgroup v1: what the agent holds of a recording was more than the stack's part."""
-    error = out_of_memory(SessionError("AgentDied", "it left the pipe"), 1, slots)
+    error = named(AgentGoneError("AgentDied", "it left the pipe"), 1, slots)
     assert error.reason == "AgentDied"
     assert str(error) == (
         "it left the pipe; meanwhile the kernel of its node ended a process for lack of memory, the"
@@ -169,5 +250,5 @@ def test_this_machine_counts_them() -> None:
     assert memory_kills() is not None
 
 
-def test_it_counts_as_a_crash(run: Run, killed: Script) -> None:
-    assert tally(run(killed))["crashed"] == 1
+def test_it_counts_as_a_crash(run: Run, killed: Script, killed_again: Script) -> None:
+    assert tally(run(killed, killed_again))["crashed"] == 1

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from bagpipe.faults import FaultPolicy
+from bagpipe.run import out_of_memory
 
 # Runs of a case that meets one fault of the machinery again and again.
 ATTEMPTS = 3
@@ -68,4 +69,6 @@ def next_attempt(
 def _allowed(reason: str, policy: FaultPolicy) -> int:
     if reason in _WORTH_ANOTHER_TRY:
         return ATTEMPTS
-    return 1 + policy.retries(reason)
+    retries = policy.retries(reason)
+    # What the node has ended for lack of memory may have been another pod's, once.
+    return 1 + (max(1, retries) if reason == out_of_memory.REASON else retries)

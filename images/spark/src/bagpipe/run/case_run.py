@@ -23,9 +23,9 @@ from bagpipe.json_equality import same
 from bagpipe.plan.case import Case
 from bagpipe.plan.made import Unplanned
 from bagpipe.plan.variant import image_of, stack_of
+from bagpipe.run import out_of_memory
 from bagpipe.run.attempts import Again, next_attempt
 from bagpipe.run.memory_kills import kills_since, memory_kills
-from bagpipe.run.out_of_memory import out_of_memory
 from bagpipe.source.chosen import source_of
 from bagpipe.source.source import Turns
 from bagpipe.spec import SimulationJobSpec, Stack, shared_folder
@@ -41,7 +41,7 @@ from bagpipe.wire.session import (
     run_session,
     run_turns,
 )
-from bagpipe.wire.slot import SlotUnavailableError, lease, open_ends
+from bagpipe.wire.slot import Ends, SlotUnavailableError, lease, open_ends
 
 # The agent ends a case at its deadline; the worker allows this much more for the answer.
 _GRACE_SECONDS = 30.0
@@ -93,6 +93,8 @@ def run_case(case: Case, context: RunContext, starts: int = 1) -> Row:
         row, may_pass = _attempt(case, context)
     if (row["outcome"], row["reason"]) == ("errored", "MachineBusy") and row["result"]:
         row = _unproved(row, context)
+    if row["outcome"] == "passed" and not policy.retries(out_of_memory.REASON):
+        row = _unless_out_of_memory(row, discarded)
     return _row(case, row, discarded, starts, time.monotonic() - begun)
 
 
@@ -103,6 +105,17 @@ def _again(row: Row, reasons: list[str], policy: FaultPolicy, may_pass: bool) ->
     if row["outcome"] != "errored" and row["reason"] not in CAUSES:
         return None
     return next_attempt(row["reason"], reasons, policy, may_pass)
+
+
+def _unless_out_of_memory(row: Row, discarded: list[Row]) -> Row:
+    """The row of a case that passed, if no try before ended as for want of memory: whose fault that
+    was is not known, so that it neither passed nor failed.
+    """
+    for each in discarded:
+        if each["reason"] == out_of_memory.REASON:
+            message = out_of_memory.passed_after(each["message"])
+            return row | {"outcome": "invalid", "reason": out_of_memory.ONCE, "message": message}
+    return row
 
 
 def lost_row(case: Case, starts: int) -> Row:
@@ -196,11 +209,10 @@ def _row(case: Case, ended: Row, discarded: list[Row], starts: int, seconds: flo
 
 def _attempt(case: Case, context: RunContext) -> tuple[Row, bool]:
     """One run, and whether storage may give another answer the next time."""
-    before = memory_kills()
     try:
         return _played(case, context), False
     except SessionError as error:
-        return _ended(out_of_memory(error, kills_since(before), context.slots)), False
+        return _ended(error), False
     except Exception as error:  # a fault of ours costs one case, never the whole job
         may_pass = isinstance(error, StorageError) and error.may_pass
         for kind, reason in _REASONS:
@@ -271,11 +283,22 @@ def _answered(
     meeting = time.monotonic() + _MEETING_SECONDS
     with lease(_shared(case, context), meeting) as slot, open_ends(slot, meeting) as ends:
         deadline = time.monotonic() + _case_seconds(context.spec) + _GRACE_SECONDS
-        described = case_map(case, context)
-        if isinstance(inputs, InputFile):
-            return run_session(ends, described, [inputs], sink, deadline)
-        described["simulator"] = inputs.described
-        return run_turns(ends, described, inputs, sink, deadline)
+        # What was ended before the agent is met was ended without this case.
+        before = memory_kills()
+        try:
+            return _exchanged(ends, case_map(case, context), inputs, sink, deadline)
+        except SessionError as error:
+            known = out_of_memory.named(error, kills_since(before), context.slots)
+            raise known from None
+
+
+def _exchanged(
+    ends: Ends, described: HelloCase, inputs: InputFile | Turns, sink: Sink | Sinks, deadline: float
+) -> Answer:
+    if isinstance(inputs, InputFile):
+        return run_session(ends, described, [inputs], sink, deadline)
+    described["simulator"] = inputs.described
+    return run_turns(ends, described, inputs, sink, deadline)
 
 
 def _shared(case: Case, context: RunContext) -> Path:

@@ -48,6 +48,10 @@ class SessionError(Exception):
         self.stderr = stderr or []
 
 
+class AgentGoneError(SessionError):
+    """The agent had taken the case, and left the pipe: its container ended with the stack in it."""
+
+
 @dataclass(frozen=True)
 class InputFile:
     """A stream of bytes for the agent: `size` bytes that `pieces` yields.
@@ -178,7 +182,9 @@ def _too_late(receiver: "_Receiver") -> SessionError:
 
 
 def _agent_died(receiver: "_Receiver") -> SessionError:
-    return SessionError(
+    # One that has not greeted has started no stack.
+    kind = AgentGoneError if receiver.answer.hello else SessionError
+    return kind(
         "AgentDied",
         "the agent left the pipe without a result: its container ended or was killed"
         f" (got {receiver.answer.bytes} recorded bytes, {receiver.pending} of a cut frame)",
