@@ -85,7 +85,7 @@ def test_a_test_of_one_thread_stands_still_itself_and_its_status_is_kept(tmp_pat
 
 
 def test_a_process_of_any_name_is_named(tmp_path: Path) -> None:
-    shutil.copy(shutil.which("sleep") or "", os.fsencode(tmp_path) + b"/s\xfc")
+    shutil.copy(os.fsencode(shutil.which("sleep") or ""), os.fsencode(tmp_path) + b"/s\xfc")
     program = (
         "import os, subprocess; subprocess.run([os.getcwdb() + b'/s\\xfc', '0.3'], check=True)"
     )
