@@ -9,6 +9,7 @@ from aiohttp import web
 
 from bagpipe_operator.cluster.client import ApiError
 from tests.unit.operator.builders import account, make_driver
+from tests.unit.operator.test_deleted_jobs import delete
 from tests.unit.operator.test_progress import driver
 from tests.unit.operator.world import UID, World
 
@@ -107,9 +108,11 @@ async def test_the_account_of_an_earlier_release_s_driver_is_shown_until_its_pod
         assert (world.status()["phase"], world.reason("Passed")) == ("Complete", "True/Passed")
 
 
+@pytest.mark.parametrize("watch_is_first", [False, True])
+@pytest.mark.parametrize("deleted", [False, True])
 @pytest.mark.parametrize("backoff_limit", [None, 0])
 async def test_an_end_that_the_pod_has_confirmed_counts_when_the_pod_goes_before_it_is_written(
-    backoff_limit: int | None,
+    backoff_limit: int | None, deleted: bool, watch_is_first: bool
 ) -> None:
     """The job was run again, or had failed with DriverLost."""
     async with answered(account("Complete", ended=True, **PASSED, **MINE)) as world:
@@ -119,7 +122,26 @@ async def test_an_end_that_the_pod_has_confirmed_counts_when_the_pod_goes_before
         world.api.fail("patch status", ApiError(500, "InternalError", "etcd has no leader"))
         with pytest.raises(ApiError, match="no leader"):
             await world.reconcile()
+        if deleted:
+            delete(world)
         world.api.objects.pop(("pods", "x-1-driver"))
+        if watch_is_first:
+            world.view.drop_pod(make_driver("x").running(ip="127.0.0.1").view())
         await world.reconcile(after=5)
         assert (world.status()["phase"], world.reason("Passed")) == ("Complete", "True/Passed")
         assert world.status()["attempt"] == 1
+        assert world.api.named("pods") == []
+
+
+async def test_the_confirmed_end_of_an_attempt_is_not_that_of_the_next_one() -> None:
+    """Its driver is lost before it has reported anything."""
+    async with answered(account("Complete", ended=True, **PASSED, **MINE)) as world:
+        world.api.fail("patch status", ApiError(500, "InternalError", "etcd has no leader"))
+        with pytest.raises(ApiError, match="no leader"):
+            await world.reconcile()
+        world.api.objects["jobs", "x"]["status"]["attempt"] = 2
+        world.deliver_job()
+        world.api.objects.pop(("pods", "x-1-driver"))
+        await world.reconcile(after=60)
+        assert world.status().get("verdict") is None
+        assert world.status()["phase"] != "Complete"

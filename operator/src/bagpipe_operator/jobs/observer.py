@@ -103,7 +103,7 @@ class Observer:
             if ending is None and serves(driver):
                 driver, progress, ending = await self._reported(driver)
         running = driver is not None and ending is None and serves(driver)
-        ending = await self._excused(job, ending)
+        ending = await self._excused(job, self._as_confirmed(job, attempt, driver, ending))
         account = ending.progress if ending else progress
         halt = halt_as_seen(halt, job, running, account, self.now())
         return await self._observation(job, attempt, driver, progress, refusal, ending, halt)
@@ -113,8 +113,7 @@ class Observer:
     ) -> tuple[PodView | None, Progress | None, Ending | None]:
         """The account of a driver that serves it, or the end that it reports.
 
-        That counts where its pod is there, or was at an earlier visit: else another may have its
-        address, and have answered.
+        That counts where its pod is there: else another may have its address, and have answered.
         """
         progress = await self.lookup.account_of(driver)
         ending = has_ended(progress, driver.job_uid, driver.attempt)
@@ -122,15 +121,21 @@ class Observer:
             return driver, progress, None
         live = await self.lookup.refreshed(driver)
         if live is None:
-            attempt, confirmed = self._confirmed.get(driver.job_uid, (0, ending))
-            if attempt == driver.attempt:
-                return None, None, confirmed
             return None, None, lost_driver(driver.namespace, driver.name, driver)
         shown = ending_of(live, self.now())
         if shown is None and serves(live) and live.ip == driver.ip:
             self._confirmed[driver.job_uid] = (driver.attempt, ending)
             return live, progress, ending
         return live, None, shown
+
+    def _as_confirmed(
+        self, job: JobView, attempt: int, driver: PodView | None, ending: Ending | None
+    ) -> Ending | None:
+        """The end that the attempt's pod has confirmed, in place of its loss: whether the watch or
+        a question shows first that the pod is gone is chance."""
+        confirmed_of, confirmed = self._confirmed.get(job.uid, (0, None))
+        is_lost = driver is None and ending is not None and ending.lost
+        return confirmed if is_lost and confirmed_of == attempt else ending
 
     async def _excused(self, job: JobView, ending: Ending | None) -> Ending | None:
         """Not counted where the job that this one's pods were made for was deleted, and they with
