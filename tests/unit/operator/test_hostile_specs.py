@@ -151,6 +151,30 @@ async def test_a_refused_spec_is_read_once_however_often_its_status_can_t_be_wri
     assert (validated, world.reason("Failed")) == (1, "True/SpecInvalid")
 
 
+LONG = "k" * 1_200_000
+LONG_SENTENCES = {
+    "a parameter's name": make_job("x").with_spec("stack.parameters", {LONG: 1}),
+    "a variable's name": with_matrix({LONG: 1}),
+    "a memory's size": make_job("x").with_spec("spark.driver.resources.memory", LONG),
+}
+
+
+@pytest.mark.parametrize("which", LONG_SENTENCES)
+async def test_of_a_refused_spec_a_bounded_sentence_is_made_and_kept(which: str) -> None:
+    """Of 1.2 MB that stood three times in it, 3.6 MB were kept for each such job."""
+    job = LONG_SENTENCES[which]
+    with pytest.raises(UnusableSpecError, match=r"^spec[.]") as unusable:
+        read_spec(job.view())
+    assert len(str(unusable.value)) <= 1_500
+    world = World(job)
+    world.api.fail("patch status", ApiError(500, "InternalError", "etcdserver: too large"))
+    with pytest.raises(ApiError):
+        await world.reconcile()
+    ((_, kept),) = world.reconciler._specs._refused.values()
+    assert len(kept) <= 1_024
+    assert kept == str(unusable.value)[:1_024]
+
+
 async def test_an_edited_spec_is_read_again() -> None:
     world = World(CASES["names of parameters"][0])
     world.api.fail("patch status", ApiError(0, "Unreachable", "no answer"))

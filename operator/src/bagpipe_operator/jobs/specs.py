@@ -1,6 +1,7 @@
 """Jobs' whole specs, each read once more only where it was not refused before."""
 
 from bagpipe.spec import SimulationJobSpec
+from bagpipe_operator.api.conditions import LONGEST_MESSAGE
 from bagpipe_operator.cluster.client import Api
 from bagpipe_operator.jobs.pods.job_config import UnusableSpecError, read_spec
 from bagpipe_operator.jobs.view import JobView
@@ -27,7 +28,8 @@ class Specs:
         try:
             return entire, read_spec(entire)
         except UnusableSpecError as error:
-            self._refused[job.uid] = (job.generation, str(error))
+            # A condition holds no more, and each refused job has one until its end is written.
+            self._refused[job.uid] = (job.generation, str(error)[:LONGEST_MESSAGE])
             raise
 
     def forget(self, uid: str) -> None:

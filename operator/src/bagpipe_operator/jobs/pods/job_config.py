@@ -19,6 +19,8 @@ from bagpipe_operator.settings import Settings
 
 # The API server's limit for all of a ConfigMap's values.
 LARGEST_CONFIG_BYTES = 1024 * 1024
+# Of a sentence's field and of what is wrong with it: a key of a megabyte may stand in both.
+_LONGEST_PLACE, _LONGEST_FAULT = 256, 1024
 # The fields of a job that the CRD lets anybody change once it exists.
 MUTABLE = frozenset({"suspend", "activeDeadline", "startDeadline", "ttlAfterFinished", "notify"})
 
@@ -46,8 +48,7 @@ def read_spec(job: JobView) -> SimulationJobSpec:
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(["spec", *map(str, first["loc"])])
-        what = first["msg"].removeprefix("Value error, ")
-        raise UnusableSpecError(f"{place}: {what}") from None
+        raise _unusable(place, first["msg"].removeprefix("Value error, ")) from None
     except ArithmeticError as error:
         raise UnusableSpecError(f"spec: a number is too large to reckon with ({error})") from None
     _check_memory(spec)
@@ -60,7 +61,11 @@ def _check_memory(spec: SimulationJobSpec) -> None:
         try:
             heap_mebibytes(part.resources.memory)
         except ValueError as error:
-            raise UnusableSpecError(f"spec.spark.{role}.resources.memory: {error}") from None
+            raise _unusable(f"spec.spark.{role}.resources.memory", str(error)) from None
+
+
+def _unusable(place: str, fault: str) -> UnusableSpecError:
+    return UnusableSpecError(f"{place[:_LONGEST_PLACE]}: {fault[:_LONGEST_FAULT]}")
 
 
 def _lasting(spec: Json) -> Json:
