@@ -177,6 +177,19 @@ async def test_a_refusal_carries_the_server_s_reason_and_sentence() -> None:
     assert error.message == 'pods "p" already exists'
 
 
+async def test_a_refusal_that_quotes_a_megabyte_is_cut() -> None:
+    """Kubernetes quotes a wrong value for each rule that it breaks; refusals are kept by job."""
+    message = f'Pod "p" is invalid: spec.affinity: Invalid value: "{"_" * 900_000}": no label'
+    answer = {"kind": "Status", "reason": "Invalid", "message": message}
+    async with server(Recorder((422, answer)).answer) as api:
+        with pytest.raises(ApiError) as caught:
+            await api.get("pods", "lanes", "p")
+    cut = caught.value.message
+    assert len(cut) <= 4_200
+    assert cut[:4_096] == message[:4_096]
+    assert cut.endswith(f" [cut: {len(message) - 4_096} more characters]")
+
+
 async def test_a_proxy_s_page_is_an_error_too() -> None:
     async with server(Recorder((502, "<html>Bad Gateway</html>")).answer) as api:
         with pytest.raises(ApiError) as caught:

@@ -34,6 +34,8 @@ _DENIED = re.compile(
 ANSWER_SECONDS = 0.5
 # One in good health may need as long for a pod.
 SHORTEST_CREATION_SECONDS = 1.0
+# What a message is known by stands at its beginning; a megabyte of a tenant's words may follow.
+_LONGEST_REFUSAL = 4096
 _JSON = "application/json"
 _METADATA_ALONE = "application/json;as=PartialObjectMetadataList;g=meta.k8s.io;v=v1"
 
@@ -451,6 +453,11 @@ def _refusal(status: int, text: str) -> ApiError:
         return ApiError(status, "Unknown", text[:500])
     if not isinstance(answer, dict):
         return ApiError(status, "Unknown", text[:500])
-    return ApiError(
-        status, str(answer.get("reason") or ""), str(answer.get("message") or text[:500])
-    )
+    message = _shortened(str(answer.get("message") or text[:500]))
+    return ApiError(status, str(answer.get("reason") or "")[:_LONGEST_REFUSAL], message)
+
+
+def _shortened(message: str) -> str:
+    """A refusal quotes a wrong value once for each rule that it breaks, and is kept by job."""
+    more = len(message) - _LONGEST_REFUSAL
+    return f"{message[:_LONGEST_REFUSAL]} [cut: {more} more characters]" if more > 0 else message
