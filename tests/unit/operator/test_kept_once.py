@@ -1,6 +1,7 @@
 """What is kept once, by whose it is, whatever is put and taken out in whichever order."""
 
 from dataclasses import dataclass
+from itertools import product
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -36,5 +37,9 @@ def test_it_is_a_table_by_namespace_and_name(steps: list[tuple[str, One]]) -> No
         assert (len(kept), set(kept)) == (len(table), set(table.values()))
         assert set(kept.owners()) == {each.owner for each in table.values()}
         assert kept.known(one) == table.get(key)
+        for place, owner in product("ab", "123"):
+            within = {k: o for k, o in table.items() if (o.namespace, o.owner) == (place, owner)}
+            assert kept.within(place, owner) == within
+            assert (place in kept.namespaces(owner)) is bool(within)
         for owner in "123":
             assert kept.of(owner) == {k: each for k, each in table.items() if each.owner == owner}

@@ -1,7 +1,14 @@
 """Who may write labels or ConfigMaps, and nothing more, does not steer another's job."""
 
+from dataclasses import replace
+
+import pytest
+
 from bagpipe_operator.cluster.client import ApiError
+from bagpipe_operator.jobs.metrics import JobMetrics
 from bagpipe_operator.jobs.view import PodView
+from bagpipe_operator.jobs.watch import Watch
+from bagpipe_operator.runtime.queue import WorkQueue
 from tests.unit.operator.builders import START, account, make_driver, make_executor, make_job
 from tests.unit.operator.world import UID, World
 
@@ -26,6 +33,27 @@ def test_a_pod_of_another_namespace_is_not_a_job_s() -> None:
     assert (driver.namespace, driver.uid) == ("lanes", "uid-of-x-1-driver")
     world.view.drop_pod(in_another_namespace("x"))
     assert world.view.driver(UID, 1) == driver
+
+
+def test_pods_of_another_namespace_cost_a_job_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each visit sorted and filtered all that had its UID, and each of them asked for a visit."""
+    world, queue = World(), WorkQueue()
+    view = world.view
+    for number in range(1_000):
+        view.put_pod(replace(in_another_namespace("x"), name=f"p{number}"))
+    with monkeypatch.context() as counts:
+        looked: list[PodView] = []
+        counts.setattr("bagpipe_operator.jobs.view._is_of", lambda _, pod: looked.append(pod))
+        view.pods(UID)
+    assert len(looked) == 0
+    watch = Watch(view, queue, JobMetrics(view, queue))
+    forged = make_driver("x").running().object()
+    forged["metadata"] |= {"namespace": "attackers", "uid": "uid-of-forged"}
+    watch.pod_event({"type": "ADDED", "object": forged})
+    watch.pod_event({"type": "DELETED", "object": forged})
+    assert len(queue) == 0
+    watch.pod_event({"type": "ADDED", "object": make_driver("x").running().object()})
+    assert len(queue) == 1
 
 
 async def test_a_forged_driver_of_another_namespace_ends_no_job() -> None:

@@ -27,14 +27,19 @@ class KeptOnce(Generic[Kept]):
 
     def __init__(self, owner_of: Callable[[Kept], str]) -> None:
         self._owner_of = owner_of
-        self._owned: dict[str, dict[Key, Kept]] = {}
+        self._owned: dict[str, dict[str, dict[Key, Kept]]] = {}  # by owner and namespace
         self._owners: dict[Key, str] = {}
 
     def __len__(self) -> int:
         return len(self._owners)
 
     def __iter__(self) -> Iterator[Kept]:
-        return (each for owned in list(self._owned.values()) for each in owned.values())
+        return (
+            each
+            for places in list(self._owned.values())
+            for owned in list(places.values())
+            for each in owned.values()
+        )
 
     def owners(self) -> list[str]:
         """The UIDs of all that have some."""
@@ -42,34 +47,50 @@ class KeptOnce(Generic[Kept]):
 
     def of(self, owner: str) -> Mapping[Key, Kept]:
         """An owner's, by namespace and name."""
-        return self._owned.get(owner, {})
+        places = self._owned.get(owner, {})
+        if len(places) == 1:
+            return next(iter(places.values()))
+        return {key: each for owned in places.values() for key, each in owned.items()}
+
+    def within(self, namespace: str, owner: str) -> Mapping[Key, Kept]:
+        """Those of one namespace; what others claim to be the owner's costs nothing."""
+        return self._owned.get(owner, {}).get(namespace, {})
+
+    def namespaces(self, owner: str) -> set[str]:
+        """Where an owner has some."""
+        return set(self._owned.get(owner, {}))
 
     def known(self, one: Kept) -> Kept | None:
         """What is kept of that namespace and name, whosever it is."""
         key = _key(one)
-        return self.of(self._owners.get(key, "")).get(key)
+        return self.within(one.namespace, self._owners.get(key, "")).get(key)
 
     def put(self, one: Kept) -> None:
         """Keeps an object in place of what is kept of its namespace and name."""
         known, owner, key = self.known(one), self._owner_of(one), _key(one)
         if known is not None and self._owner_of(known) != owner:
             self.take_out(known)
-        self._owned.setdefault(owner, {})[key] = one
+        self._owned.setdefault(owner, {}).setdefault(one.namespace, {})[key] = one
         self._owners[key] = owner
 
     def take_out(self, one: Kept) -> None:
         """Takes out what is kept of that namespace and name, if anything is."""
         key = _key(one)
         owner = self._owners.pop(key, None)
-        if owner is not None:
-            del self._owned[owner][key]
-            if not self._owned[owner]:
-                del self._owned[owner]
+        if owner is None:
+            return
+        places = self._owned[owner]
+        del places[one.namespace][key]
+        if not places[one.namespace]:
+            del places[one.namespace]
+        if not places:
+            del self._owned[owner]
 
     def take_out_all(self, owner: str) -> None:
         """Takes out all that an owner has."""
-        for key in self._owned.pop(owner, {}):
-            del self._owners[key]
+        for owned in self._owned.pop(owner, {}).values():
+            for key in owned:
+                del self._owners[key]
 
 
 def _key(one: Named) -> Key:

@@ -323,7 +323,8 @@ class View:
         And a driver's token may write any UID, but no other job's name.
         Pods that run another job are that one's, and look as if they had been made for it.
         """
-        job, pods = self._jobs.get(job_uid), self._pods.of(job_uid)
+        job = self._jobs.get(job_uid)
+        pods = self._pods.within(job.namespace, job_uid) if job else self._pods.of(job_uid)
         found = [pods[key] for key in sorted(pods)]
         own = [pod for pod in found if job is None or _is_of(job, pod)]
         if job_uid in self._guests:
@@ -335,7 +336,7 @@ class View:
         claim = taken(job.status) if job is not None else None
         if job is None or claim is None or self.user_of(claim.uid, claim.attempt) != job.uid:
             return []
-        pods = self._pods.of(claim.uid)
+        pods = self._pods.within(job.namespace, claim.uid)
         return [
             _as_of(job, pods[key])
             for key in sorted(pods)
@@ -346,6 +347,15 @@ class View:
         """Whose the pods are that were made for a job's attempt: its own, or of the last guest."""
         guest = self._last_guest(job_uid)
         return guest[0] if guest is not None and guest[1] == attempt else job_uid
+
+    def job_to_visit(self, pod: PodView) -> str | None:
+        """The job that a pod's news are of; None for a pod of another namespace than the job that
+        it names, which may come as often as somebody there likes."""
+        for uid in (self.user_of(pod.job_uid, pod.attempt), pod.job_uid):
+            job = self._jobs.get(uid)
+            if job is None or job.namespace == pod.namespace:
+                return uid
+        return None
 
     def _last_guest(self, job_uid: str) -> tuple[str, int] | None:
         """The guest that has, or had last, a job's pods, and of which attempt they are.
@@ -374,7 +384,7 @@ class View:
     def _has_pods(self, job: JobView) -> bool:
         """Whether there may be any, its own or another's: thousands have none."""
         made_for = str(job.status["pool"].get("uid") or job.uid)
-        return bool(self._pods.of(job.uid) or self._pods.of(made_for))
+        return any(self._pods.within(job.namespace, uid) for uid in (job.uid, made_for))
 
     def shown(self, pod: PodView) -> PodView:
         """A pod as it came from the API server, as that of the job that it runs."""
@@ -466,7 +476,7 @@ class View:
         job = self._jobs.get(uid)
         if job is not None:
             return {job.namespace}
-        return {pod.namespace for pod in self._pods.of(uid).values()}
+        return self._pods.namespaces(uid)
 
     def forget(self, job_uid: str) -> None:
         """Forgets a job that is gone, and its pods; those that still exist are reported again."""

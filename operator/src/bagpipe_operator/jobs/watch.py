@@ -58,7 +58,9 @@ class Watch:
             self.view.drop_pod(pod)
         elif not self.view.put_pod(pod):
             return  # nothing that is decided on has changed
-        self.queue.add(self.view.user_of(pod.job_uid, pod.attempt))
+        uid = self.view.job_to_visit(pod)
+        if uid is not None:
+            self.queue.add(uid)
 
 
 class NoDiffBase(kopf.DiffBaseStorage):
