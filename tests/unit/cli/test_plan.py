@@ -10,7 +10,7 @@ import yaml
 from click.testing import CliRunner
 
 from bagpipe.cli.__main__ import main
-from bagpipe.cli.manifest import read_job, read_object
+from bagpipe.cli.manifest import ManifestError, read_job, read_object
 from tests.unit.bagpipe.bags import steady, write_bag
 
 SPEC = {
@@ -242,3 +242,21 @@ def test_what_a_catalogue_selects_is_shown(tmp_path: Path) -> None:
     status, text = run(tmp_path, *volume, **fields)
     assert status == 2
     assert "names weathr, which is no column of pvc://recordings/drives.csv" in text
+
+
+def test_a_key_of_a_megabyte_is_refused_in_a_sentence_that_can_be_read(tmp_path: Path) -> None:
+    """It stood three times in it."""
+    name = "k" * 1_200_000
+    manifest = tmp_path / "job.yaml"
+    stack = {"image": "i", "command": ["c"], "parameters": {name: 1}}
+    job = {
+        "apiVersion": "sim.bagpipe.io/v1alpha1",
+        "kind": "SimulationJob",
+        "metadata": {"name": "lane"},
+        "spec": SPEC | {"stack": stack},
+    }
+    manifest.write_text(yaml.safe_dump(job))
+    with pytest.raises(ManifestError, match=r"spec\.stack\.parameters") as refused:
+        read_job(manifest)
+    lines = str(refused.value).split("\n")
+    assert max(len(line) for line in lines) <= len(f"{manifest}") + 1_300

@@ -14,6 +14,8 @@ from bagpipe.spec import SimulationJobSpec
 API_GROUP = "sim.bagpipe.io/"
 _LARGEST_BYTES = 4 << 20
 _MOST_KINDS = 5
+# Of a line's field and of what is wrong with it: a key of a megabyte may stand in both.
+_LONGEST_PLACE, _LONGEST_FAULT = 256, 1024
 
 
 class _Loader(yaml.SafeLoader):
@@ -112,5 +114,6 @@ def _sentences(path: Path, error: ValidationError) -> list[str]:
     lines = []
     for fault in error.errors(include_url=False, include_input=False):
         where = ".".join(["spec", *(str(part) for part in fault["loc"])])
-        lines.append(f"{path}: {where}: {fault['msg'].removeprefix('Value error, ')}")
+        what = fault["msg"].removeprefix("Value error, ")
+        lines.append(f"{path}: {where[:_LONGEST_PLACE]}: {what[:_LONGEST_FAULT]}")
     return lines
