@@ -140,11 +140,12 @@ impl Watch {
     pub(crate) fn look(&mut self, now: Look, received: bool) -> Rest {
         let taken = now.taken_since(&self.last, 1.0);
         let usual = |process: &i32| self.usual.get(process).copied().unwrap_or_default();
-        // Who reads a slow disk hardly needs a processor in between.
-        let reads = now.threads.iter().any(|(thread, (_, waits))| {
-            *waits == Waits::Disk && self.before.waits(thread) != Some(Waits::Disk)
+        // Who reads a slow disk hardly needs a processor in between, and who was stopped needs none.
+        let held_up = now.threads.iter().any(|(thread, (_, waits))| {
+            waits.is_held_up() && self.before.waits(thread) != Some(*waits)
         });
-        let works = reads || taken.iter().any(|(process, part)| *part >= usual(process) + WORKING);
+        let works =
+            held_up || taken.iter().any(|(process, part)| *part >= usual(process) + WORKING);
         self.last = now;
         if works || received {
             self.still = self.last.clone();
@@ -285,6 +286,21 @@ mod tests {
         // One that writes logs all the time.
         let mut watch = Watch::new(&at(0, 1, Waits::Disk), at(100, 2, Waits::Disk));
         assert_eq!(watch.look(at(150, 3, Waits::Disk), false), Rest::Still);
+    }
+
+    // Promise: recording-ends-by-nodes
+    #[test]
+    fn who_was_stopped_since_the_first_input_is_no_node_at_rest() {
+        let at = |at, waits| look(at, &[(1, 1, 40, 3, waits)]);
+        let mut watch = Watch::new(&at(0, Waits::Else), at(100, Waits::Else));
+        watch.begin(at(200, Waits::Else));
+        assert_eq!(watch.look(at(250, Waits::Leave), false), Rest::Working);
+        assert_eq!(watch.look(at(300, Waits::Else), false), Rest::Still);
+        // It is no work of the machine's, whose load explains a loss.
+        assert_eq!(at(300, Waits::Leave).starved_since(&at(200, Waits::Leave)), Duration::ZERO);
+        // One that was stopped before the first input.
+        let mut watch = Watch::new(&at(0, Waits::Leave), at(100, Waits::Leave));
+        assert_eq!(watch.look(at(150, Waits::Leave), false), Rest::Still);
     }
 
     #[test]

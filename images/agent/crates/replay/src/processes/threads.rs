@@ -25,6 +25,8 @@ pub(crate) enum Waits {
     Processor,
     /// What a disk has to bring before it can go on.
     Disk,
+    /// That somebody lets it go on, as behind a signal or for a debugger.
+    Leave,
     /// Something else.
     Else,
 }
@@ -33,6 +35,11 @@ impl Waits {
     /// Whether it goes on as soon as the machine lets it.
     pub(crate) fn is_of_the_machine(self) -> bool {
         matches!(self, Waits::Processor | Waits::Disk)
+    }
+
+    /// Whether it is in the midst of something, though it takes no processor.
+    pub(crate) fn is_held_up(self) -> bool {
+        matches!(self, Waits::Disk | Waits::Leave)
     }
 }
 
@@ -61,6 +68,7 @@ pub(crate) fn waits(syscall: &str, stat: &str) -> Option<Waits> {
     match stat.rsplit(')').next().and_then(|rest| rest.trim_start().chars().next()) {
         Some('D') => Some(Waits::Disk),
         Some('R') => Some(Waits::Processor),
+        Some('T' | 't') => Some(Waits::Leave),
         _ => in_call(syscall),
     }
 }
@@ -117,6 +125,8 @@ mod tests {
         assert_eq!(waits(disk, "7 (D D) S 1 7 7 0"), Some(Waits::Else));
         assert_eq!(waits(disk, "7 (a) R 1 7 7 0"), Some(Waits::Processor));
         assert_eq!(waits("running", "7 (R) S 1 7 7 0"), Some(Waits::Processor));
+        assert_eq!(waits("202 0x1 0x0", "7 (S) T 1 7 7 0"), Some(Waits::Leave));
+        assert_eq!(waits("202 0x1 0x0", "7 (S) t 1 7 7 0"), Some(Waits::Leave));
         assert_eq!(waits(disk, ""), Some(Waits::Else));
         assert_eq!(waits("", "7 (py) D 1 7 7 0"), Some(Waits::Disk));
         assert_eq!(waits("", "7 (py) S 1 7 7 0"), None);
