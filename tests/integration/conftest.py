@@ -19,6 +19,7 @@ from bagpipe.run.master_ports import master_ports
 from bagpipe.wire.hello_case import HelloCase
 from tests import ros2_standin
 from tests.agent_binary import built
+from tests.processes import below
 
 ROOT = Path(__file__).parents[2]
 # Reached in failure only: the agent ends within 5 s, and a stack within its grace, where nothing
@@ -36,7 +37,7 @@ class RunningAgent:
 
     def descendants(self) -> list[int]:
         """Every process below the agent's own slots: what its cases started and did not end."""
-        return [pid for pid in _below(self.process.pid) if not _is_agent(pid)]
+        return [pid for pid in below(self.process.pid) if not _is_agent(pid)]
 
     def await_no_descendants(self, seconds: float = _PATIENCE_SECONDS) -> None:
         """Wait until nothing is left of the cases; fails after `seconds`."""
@@ -48,7 +49,7 @@ class RunningAgent:
 
     def slot_processes(self) -> list[int]:
         """The agent's own processes, one for each slot."""
-        return [pid for pid in _below(self.process.pid) if _is_agent(pid)]
+        return [pid for pid in below(self.process.pid) if _is_agent(pid)]
 
 
 @pytest.fixture(scope="session")
@@ -118,18 +119,6 @@ def _await_ready(binary: Path, agent: RunningAgent) -> None:
         assert agent.process.poll() is None, agent.log.read_text()
         assert time.monotonic() < deadline, agent.log.read_text()
         pause.wait(0.02)
-
-
-def _below(pid: int) -> list[int]:
-    found = []
-    for task in Path(f"/proc/{pid}/task").glob("*/children"):
-        try:
-            children = [int(child) for child in task.read_text().split()]
-        except OSError:
-            continue
-        for child in children:
-            found += [child, *_below(child)]
-    return found
 
 
 def _is_agent(pid: int) -> bool:

@@ -5,9 +5,9 @@ import os
 import signal
 import time
 from collections.abc import Callable
-from pathlib import Path
 
-PROC = Path("/proc")
+from tests.processes import PROC, below, state
+
 # linux/ptrace.h: a thread that is seized and interrupted stands still until it is let go, and the
 # others of its process go on; SIGSTOP would stop all of them.
 _SEIZE, _INTERRUPT, _DETACH, _EVENT_STOP = 0x4206, 0x4207, 17, 128
@@ -56,15 +56,8 @@ def freeze_threads(these: list[int], seconds: float, sleep: Sleep = time.sleep) 
 
 
 def descendants(pid: int) -> list[int]:
-    """The processes below one that neither have ended nor are stopped, nearest first."""
-    below: dict[int, list[int]] = {}
-    for each in PROC.iterdir():
-        if each.name.isdigit() and (found := _state_and_parent(each)) and found[0] in "SRD":
-            below.setdefault(found[1], []).append(int(each.name))
-    found_all = [pid]
-    for one in found_all:
-        found_all += sorted(below.get(one, []))
-    return found_all[1:]
+    """The processes below one that neither have ended nor are stopped."""
+    return [each for each in below(pid) if (state(each) or "Z") in "SRD"]
 
 
 def threads(pid: int) -> list[int]:
@@ -82,15 +75,6 @@ def _signal(pid: int, number: int) -> bool:
     except ProcessLookupError:
         return False
     return True
-
-
-def _state_and_parent(folder: Path) -> tuple[str, int] | None:
-    try:
-        # The name of a program, in brackets, may have blanks and brackets.
-        words = (folder / "stat").read_text(errors="replace").rpartition(")")[2].split()
-    except OSError:
-        return None
-    return words[0], int(words[1])
 
 
 def _stop(thread: int) -> int | None:

@@ -24,8 +24,8 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 
+from tests.processes import PROC
 from tests.stalls.freeze import (
-    PROC,
     descendants,
     freeze_child,
     freeze_process,

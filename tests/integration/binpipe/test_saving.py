@@ -14,6 +14,7 @@ import bagpipe
 from bagpipe.binpiped.saving import Manifest, SavedRecord, commit
 from bagpipe.storage import Storage, StorageError
 from tests.integration.binpipe.conftest import EXAMPLES, python
+from tests.processes import below
 
 REPEAT = python(EXAMPLES / "repeat.py")
 COPY = (
@@ -206,15 +207,3 @@ class PeakMemory:
                         self.peak = max(self.peak, int(line.split()[1]) << 10)
                 except (OSError, StopIteration):
                     continue
-
-
-def below(pid: int) -> list[int]:
-    found = []
-    for task in Path(f"/proc/{pid}/task").glob("*/children"):
-        try:
-            children = [int(child) for child in task.read_text().split()]
-        except OSError:
-            continue
-        for child in children:
-            found += [child, *below(child)]
-    return found

@@ -4,10 +4,10 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
+from tests.processes import state
 from tests.stalls.freeze import descendants, freeze_child, freeze_process, freeze_threads, threads
 from tests.waiting import PATIENCE, wait_until
 
@@ -50,16 +50,12 @@ def start(started: list[subprocess.Popen[str]], program: str) -> tuple[int, str]
     return process.pid, process.stdout.readline().strip()
 
 
-def states(pid: int) -> set[str]:
+def states(pid: int) -> set[str | None]:
     return {state(pid, each) for each in [pid, *threads(pid)]}
 
 
 def await_rest(pid: int) -> None:
     wait_until(lambda: states(pid) == {"S"}, PATIENCE, lambda: f"S, in place of {states(pid)}")
-
-
-def state(pid: int, thread: int) -> str:
-    return Path(f"/proc/{pid}/task/{thread}/stat").read_text().rpartition(")")[2].split()[0]
 
 
 def test_a_child_is_stopped_for_so_long_and_goes_on(started: list[subprocess.Popen[str]]) -> None:

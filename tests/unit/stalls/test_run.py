@@ -5,6 +5,7 @@ import shutil
 import sys
 from pathlib import Path
 
+from tests.processes import state
 from tests.stalls.run import Command, Pauses, names, of_pytest, programs, stalled, stalls
 from tests.waiting import PATIENCE, wait_until
 
@@ -13,13 +14,6 @@ PAUSES = Pauses(shortest=0.001, longest=0.002, between=0.001)
 
 def python(program: str, folder: Path) -> Command:
     return Command("a test", (sys.executable, "-c", program), folder)
-
-
-def state(pid: int) -> str | None:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text(errors="replace").rpartition(")")[2].split()[0]
-    except OSError:
-        return None
 
 
 def test_one_seed_has_one_plan_and_each_stall_is_within_the_bounds() -> None:
@@ -62,13 +56,16 @@ child.kill()
 
 
 def test_threads_of_a_test_without_processes_stand_still(tmp_path: Path) -> None:
-    # It ends once its other thread was stopped by who traces it.
+    # It ends once its other thread was stopped by who traces it, and went on.
     program = """
 import pathlib, threading
 other = threading.Thread(target=threading.Event().wait, daemon=True)
 other.start()
-state = pathlib.Path(f"/proc/self/task/{other.native_id}/stat")
-while state.read_text().rpartition(")")[2].split()[0] != "t":
+stat = pathlib.Path(f"/proc/self/task/{other.native_id}/stat")
+state = lambda: stat.read_text().rpartition(")")[2].split()[0]
+while state() != "t":
+    pass
+while state() == "t":
     pass
 """
     outcome = stalled(python(program, tmp_path), 5, Pauses(0.01, 0.02, 0.005), deadline=60)
@@ -77,7 +74,15 @@ while state.read_text().rpartition(")")[2].split()[0] != "t":
 
 
 def test_a_test_of_one_thread_stands_still_itself_and_its_status_is_kept(tmp_path: Path) -> None:
-    program = "import sys, time; time.sleep(0.2); sys.exit(3)"
+    # It ends once it has gone on four times.
+    program = """
+import signal, sys
+gone_on = []
+signal.signal(signal.SIGCONT, lambda *_: gone_on.append(1))
+while len(gone_on) < 4:
+    pass
+sys.exit(3)
+"""
     outcome = stalled(python(program, tmp_path), 5, PAUSES, deadline=60)
     assert not outcome.passed
     assert len(outcome.stalls) > 3
@@ -86,22 +91,26 @@ def test_a_test_of_one_thread_stands_still_itself_and_its_status_is_kept(tmp_pat
 
 def test_a_process_of_any_name_is_named(tmp_path: Path) -> None:
     shutil.copy(os.fsencode(shutil.which("sleep") or ""), os.fsencode(tmp_path) + b"/s\xfc")
-    program = (
-        "import os, subprocess; subprocess.run([os.getcwdb() + b'/s\\xfc', '0.3'], check=True)"
-    )
+    # It ends behind its child's second stall: before the first it may have had no name yet.
+    program = """
+import os, pathlib, subprocess
+child = subprocess.Popen([os.getcwdb() + b"/s\\xfc", "60"])
+state = lambda: pathlib.Path(f"/proc/{child.pid}/stat").read_bytes().rpartition(b")")[2].split()[0]
+for _ in range(2):
+    while state() != b"t":
+        pass
+    while state() == b"t":
+        pass
+child.kill()
+"""
     outcome = stalled(python(program, tmp_path), 5, PAUSES, deadline=60)
     assert outcome.passed
     assert any(line.startswith("process s\N{REPLACEMENT CHARACTER} (") for line in outcome.stalls)
 
 
 def test_one_that_hangs_is_ended_with_all_below_it(tmp_path: Path) -> None:
-    program = """
-import pathlib, subprocess, time
-child = subprocess.Popen(["sleep", "60"])
-pathlib.Path("child").write_text(str(child.pid))
-child.wait()
-"""
-    outcome = stalled(python(program, tmp_path), 6, Pauses(0, 0, 0.05), deadline=3)
+    hangs = Command("a test", ("sh", "-c", "sleep 60 & echo $! > child; wait"), tmp_path)
+    outcome = stalled(hangs, 6, Pauses(0, 0, 0.05), deadline=3)
     assert not outcome.passed
     assert "It was not over after 3 s." in str(outcome)
     child = int((tmp_path / "child").read_text())
