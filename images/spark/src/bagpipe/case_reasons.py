@@ -9,5 +9,5 @@ REASONS = frozenset(
     | {"CriteriaFailed", "CriterionFailed", "NoMatchingTopics", "NotEnoughEvidence"}
     | {"NothingPlayed", "NothingRecorded", "ProgramFailed", "ProgramInvalid", "UnknownOutcome"}
     | {"ExecutorLost", "Internal", "RecorderBudgetExceeded", "StackProtocolError"}
-    | {"CommandNotFound", "MachineBusy", "StackAborted", "StorageFull"}
+    | {"CommandNotFound", "MachineBusy", "OutOfMemoryOnce", "StackAborted", "StorageFull"}
 )

@@ -10,12 +10,11 @@ from pydantic import ValidationError
 
 from bagpipe.marks import marks_of
 from bagpipe.spec import SimulationJobSpec
+from bagpipe.spec_faults import sentence
 
 API_GROUP = "sim.bagpipe.io/"
 _LARGEST_BYTES = 4 << 20
 _MOST_KINDS = 5
-# Of a line's field and of what is wrong with it: a key of a megabyte may stand in both.
-_LONGEST_PLACE, _LONGEST_FAULT = 256, 1024
 
 
 class _Loader(yaml.SafeLoader):
@@ -111,9 +110,5 @@ def _text(path: Path) -> str:
 
 def _sentences(path: Path, error: ValidationError) -> list[str]:
     """One line per fault, with the field as it stands in the manifest."""
-    lines = []
-    for fault in error.errors(include_url=False, include_input=False):
-        where = ".".join(["spec", *(str(part) for part in fault["loc"])])
-        what = fault["msg"].removeprefix("Value error, ")
-        lines.append(f"{path}: {where[:_LONGEST_PLACE]}: {what[:_LONGEST_FAULT]}")
-    return lines
+    faults = error.errors(include_url=False, include_input=False)
+    return [f"{path}: {sentence(fault['loc'], fault['msg'])}" for fault in faults]

@@ -7,6 +7,7 @@ from pydantic import ValidationError
 
 from bagpipe.quantities import heap_mebibytes
 from bagpipe.spec import SimulationJobSpec
+from bagpipe.spec_faults import sentence
 from bagpipe_operator.api import names
 from bagpipe_operator.api.nesting import DEEPEST, is_deep
 from bagpipe_operator.api.objects import Json
@@ -19,8 +20,6 @@ from bagpipe_operator.settings import Settings
 
 # The API server's limit for all of a ConfigMap's values.
 LARGEST_CONFIG_BYTES = 1024 * 1024
-# Of a sentence's field and of what is wrong with it: a key of a megabyte may stand in both.
-_LONGEST_PLACE, _LONGEST_FAULT = 256, 1024
 # The fields of a job that the CRD lets anybody change once it exists.
 MUTABLE = frozenset({"suspend", "activeDeadline", "startDeadline", "ttlAfterFinished", "notify"})
 
@@ -47,8 +46,7 @@ def read_spec(job: JobView) -> SimulationJobSpec:
         spec = SimulationJobSpec.model_validate(_of_driver(job))
     except ValidationError as error:
         first = error.errors()[0]
-        place = ".".join(["spec", *map(str, first["loc"])])
-        raise _unusable(place, first["msg"].removeprefix("Value error, ")) from None
+        raise UnusableSpecError(sentence(first["loc"], first["msg"])) from None
     except ArithmeticError as error:
         raise UnusableSpecError(f"spec: a number is too large to reckon with ({error})") from None
     _check_memory(spec)
@@ -61,11 +59,8 @@ def _check_memory(spec: SimulationJobSpec) -> None:
         try:
             heap_mebibytes(part.resources.memory)
         except ValueError as error:
-            raise _unusable(f"spec.spark.{role}.resources.memory", str(error)) from None
-
-
-def _unusable(place: str, fault: str) -> UnusableSpecError:
-    return UnusableSpecError(f"{place[:_LONGEST_PLACE]}: {fault[:_LONGEST_FAULT]}")
+            place = ("spark", role, "resources", "memory")
+            raise UnusableSpecError(sentence(place, str(error))) from None
 
 
 def _lasting(spec: Json) -> Json:
