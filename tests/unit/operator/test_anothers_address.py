@@ -1,6 +1,6 @@
 """A driver's pod is gone, the watch does not say so yet, and another pod has its address."""
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from typing import Any
 
@@ -8,13 +8,14 @@ import pytest
 from aiohttp import web
 
 from bagpipe_operator.cluster.client import ApiError
-from tests.unit.operator.builders import account, make_driver
+from tests.unit.operator.builders import PodBuilder, account, make_driver
 from tests.unit.operator.test_deleted_jobs import delete
 from tests.unit.operator.test_progress import driver
 from tests.unit.operator.world import UID, World
 
 MINE: dict[str, Any] = {"uid": UID, "attempt": 1}
 PASSED: dict[str, Any] = {"verdict": "Passed", "cases": {"planned": 4, "passed": 4}}
+DONE = account("Complete", ended=True, **PASSED, **MINE)
 
 
 @asynccontextmanager
@@ -49,7 +50,7 @@ async def test_an_end_that_another_reports_from_a_driver_s_address_is_none(
 async def test_an_end_that_is_reported_while_the_pod_is_there_counts_once_it_names_the_job() -> (
     None
 ):
-    async with answered(account("Complete", ended=True, **PASSED, **MINE)) as world:
+    async with answered(DONE) as world:
         await world.reconcile()
         assert (world.status()["phase"], world.reason("Passed")) == ("Complete", "True/Passed")
         assert world.api.calls.count("get pods") == 1
@@ -66,7 +67,7 @@ async def test_an_end_without_a_name_is_not_believed_while_the_pod_is_there() ->
 
 
 async def test_the_end_that_the_pod_shows_is_the_one_that_counts() -> None:
-    async with answered(account("Complete", ended=True, **PASSED, **MINE)) as world:
+    async with answered(DONE) as world:
         failed = account("Failed", reason="StorageUnwritable", message="No room.", **MINE)
         world.api.put("pods", make_driver("x").ended(1, failed).object())
         await world.reconcile()
@@ -74,7 +75,7 @@ async def test_the_end_that_the_pod_shows_is_the_one_that_counts() -> None:
 
 
 async def test_an_end_from_the_address_that_the_driver_had_before_counts_for_nothing() -> None:
-    async with answered(account("Complete", ended=True, **PASSED, **MINE)) as world:
+    async with answered(DONE) as world:
         world.api.put("pods", make_driver("x").running(ip="127.0.0.9").object())
         await world.reconcile()
         assert (world.status()["phase"], world.status()["attempt"]) == ("Planning", 1)
@@ -115,7 +116,7 @@ async def test_an_end_that_the_pod_has_confirmed_counts_when_the_pod_goes_before
     backoff_limit: int | None, deleted: bool, watch_is_first: bool
 ) -> None:
     """The job was run again, or had failed with DriverLost."""
-    async with answered(account("Complete", ended=True, **PASSED, **MINE)) as world:
+    async with answered(DONE) as world:
         if backoff_limit is not None:
             world.api.objects["jobs", "x"]["spec"]["backoffLimit"] = backoff_limit
             world.deliver_job()
@@ -133,9 +134,40 @@ async def test_an_end_that_the_pod_has_confirmed_counts_when_the_pod_goes_before
         assert world.api.named("pods") == []
 
 
+WENT_WRONG: dict[str, Callable[[], PodBuilder]] = {
+    "evicted by its node": lambda: make_driver("x").evicted("The node was low on memory."),
+    "drained": lambda: make_driver("x").ended(137).disrupted("EvictionByEvictionAPI", "drain"),
+    "out of memory": lambda: make_driver("x").ended(137, DONE, "OOMKilled"),
+    "killed": lambda: make_driver("x").ended(137, DONE),
+    "killed without an account": lambda: make_driver("x").ended(137),
+    "deleted by force": lambda: make_driver("x").ended(137, DONE).deleting(),
+    "lost with its node": lambda: make_driver("x").running().deleting("2026-01-01T00:00:00Z"),
+    "without an address": lambda: make_driver("x").running(ip=""),
+}
+
+
+@pytest.mark.parametrize("went_wrong", WENT_WRONG)
+@pytest.mark.parametrize("backoff_limit", [None, 0])
+async def test_an_end_that_the_pod_has_confirmed_counts_whatever_becomes_of_the_pod(
+    backoff_limit: int | None, went_wrong: str
+) -> None:
+    """Before it is written the pod waits for another job, and may be ended as any other."""
+    async with answered(DONE) as world:
+        if backoff_limit is not None:
+            world.api.objects["jobs", "x"]["spec"]["backoffLimit"] = backoff_limit
+            world.deliver_job()
+        world.api.fail("patch status", ApiError(500, "InternalError", "etcd has no leader"))
+        with pytest.raises(ApiError, match="no leader"):
+            await world.reconcile()
+        world.deliver(WENT_WRONG[went_wrong]())
+        await world.reconcile(after=5)
+        assert (world.status()["phase"], world.reason("Passed")) == ("Complete", "True/Passed")
+        assert world.status()["attempt"] == 1
+
+
 async def test_the_confirmed_end_of_an_attempt_is_not_that_of_the_next_one() -> None:
     """Its driver is lost before it has reported anything."""
-    async with answered(account("Complete", ended=True, **PASSED, **MINE)) as world:
+    async with answered(DONE) as world:
         world.api.fail("patch status", ApiError(500, "InternalError", "etcd has no leader"))
         with pytest.raises(ApiError, match="no leader"):
             await world.reconcile()

@@ -102,8 +102,8 @@ class Observer:
             ending = ending_of(driver, self.now())
             if ending is None and serves(driver):
                 driver, progress, ending = await self._reported(driver)
+        ending = await self._excused(job, self._as_confirmed(job, attempt, ending))
         running = driver is not None and ending is None and serves(driver)
-        ending = await self._excused(job, self._as_confirmed(job, attempt, driver, ending))
         account = ending.progress if ending else progress
         halt = halt_as_seen(halt, job, running, account, self.now())
         return await self._observation(job, attempt, driver, progress, refusal, ending, halt)
@@ -128,14 +128,13 @@ class Observer:
             return live, progress, ending
         return live, None, shown
 
-    def _as_confirmed(
-        self, job: JobView, attempt: int, driver: PodView | None, ending: Ending | None
-    ) -> Ending | None:
-        """The end that the attempt's pod has confirmed, in place of its loss: whether the watch or
-        a question shows first that the pod is gone is chance."""
-        confirmed_of, confirmed = self._confirmed.get(job.uid, (0, None))
-        is_lost = driver is None and ending is not None and ending.lost
-        return confirmed if is_lost and confirmed_of == attempt else ending
+    def _as_confirmed(self, job: JobView, attempt: int, ending: Ending | None) -> Ending | None:
+        """The end that the attempt's pod has confirmed, whatever became of the pod since: it is
+        chance whether it is evicted, killed or deleted before that end is written, or after."""
+        of, confirmed = self._confirmed.get(job.uid, (0, None))
+        if confirmed is None or of != attempt:
+            return ending
+        return confirmed if ending is None or ending.lost else ending
 
     async def _excused(self, job: JobView, ending: Ending | None) -> Ending | None:
         """Not counted where the job that this one's pods were made for was deleted, and they with
