@@ -4,10 +4,10 @@ import pytest
 import yaml
 from embedded.api import ApiError
 
+from bagpipe_operator.jobs.job_view import JobView
 from bagpipe_operator.jobs.pods.driver_pod import driver_pod
 from bagpipe_operator.jobs.pods.executor_template import executor_trial
 from bagpipe_operator.jobs.pods.job_config import read_spec
-from bagpipe_operator.jobs.view import JobView
 from bagpipe_operator.settings import Settings
 from tests.integration.control_plane.client import Client, Object, core, jobs
 from tests.integration.control_plane.conftest import StartOperator

@@ -11,7 +11,8 @@ from embedded import builds
 from prometheus_client import generate_latest
 
 from bagpipe_operator.jobs.metrics import JobMetrics
-from bagpipe_operator.jobs.view import PodView, View
+from bagpipe_operator.jobs.pod_view import PodView
+from bagpipe_operator.jobs.view import View
 from bagpipe_operator.runtime.queue import WorkQueue
 from tests.bench import operator_bench, operator_load, operator_peer, rows, run
 from tests.bench.operator_api import MOST_TRIES, Client, Object

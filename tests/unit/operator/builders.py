@@ -10,7 +10,8 @@ from typing import Any, Self
 
 from bagpipe_operator.api import names
 from bagpipe_operator.api.objects import Json
-from bagpipe_operator.jobs.view import JobView, PodView
+from bagpipe_operator.jobs.job_view import JobView
+from bagpipe_operator.jobs.pod_view import PodView
 
 START = datetime(2026, 11, 20, 4, 0, 0, tzinfo=UTC)
 

@@ -16,10 +16,11 @@ from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.fence import Fence, FencedApi
 from bagpipe_operator.jobs.driver.progress import Progress, ProgressReader, parse
 from bagpipe_operator.jobs.inquiry import Inquiry
+from bagpipe_operator.jobs.job_view import JobView
 from bagpipe_operator.jobs.metrics import JobMetrics
 from bagpipe_operator.jobs.reconcile import Reconciler
 from bagpipe_operator.jobs.sweep import Sweeper
-from bagpipe_operator.jobs.view import JobView, View
+from bagpipe_operator.jobs.view import View
 from bagpipe_operator.runtime.queue import Lane, WorkQueue
 from bagpipe_operator.runtime.work import work
 from bagpipe_operator.settings import Settings

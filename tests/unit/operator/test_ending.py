@@ -6,7 +6,7 @@ import pytest
 
 from bagpipe_operator.jobs.driver.ending import Ending, lost_driver, overdue
 from bagpipe_operator.jobs.driver.ending import ending_of as ending_at
-from bagpipe_operator.jobs.view import PodView
+from bagpipe_operator.jobs.pod_view import PodView
 from tests.unit.operator.builders import START, PodBuilder, account, make_driver
 
 

@@ -12,7 +12,8 @@ import pytest
 from bagpipe_operator.api.kept_spec import LARGEST_KEPT_BYTES, packed, scalars, unpacked
 from bagpipe_operator.cluster.client import ApiError
 from bagpipe_operator.cluster.large_objects import SIZE, trimmed
-from bagpipe_operator.jobs.view import JobView, View
+from bagpipe_operator.jobs.job_view import JobView
+from bagpipe_operator.jobs.view import View
 from bagpipe_operator.jobs.whole_job import whole
 from bagpipe_operator.schedules.view import Schedules, ScheduleView
 from tests.unit.operator.builders import make_job

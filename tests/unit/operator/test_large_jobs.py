@@ -3,10 +3,11 @@
 import asyncio
 
 from bagpipe_operator.cluster.large_objects import LARGE, SIZE
+from bagpipe_operator.jobs.job_view import JobView
 from bagpipe_operator.jobs.large_jobs import LargeJobs
 from bagpipe_operator.jobs.metrics import JobMetrics
 from bagpipe_operator.jobs.sweep import Sweeper
-from bagpipe_operator.jobs.view import JobView, View
+from bagpipe_operator.jobs.view import View
 from bagpipe_operator.runtime.queue import WorkQueue
 from bagpipe_operator.runtime.work import work
 from tests.unit.operator.builders import make_job

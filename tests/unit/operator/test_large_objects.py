@@ -22,7 +22,8 @@ from bagpipe_operator.cluster.large_objects import (
     read_written,
     trimmed,
 )
-from bagpipe_operator.jobs.view import JobView, PodView
+from bagpipe_operator.jobs.job_view import JobView
+from bagpipe_operator.jobs.pod_view import PodView
 from bagpipe_operator.schedules.view import ScheduledJob, ScheduleView
 from tests.unit.operator.builders import make_driver, make_job
 from tests.unit.operator.schedules.world import make_schedule

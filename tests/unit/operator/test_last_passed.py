@@ -9,8 +9,8 @@ from bagpipe.spec import JobFile
 from bagpipe_operator.api import names
 from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import ApiError
+from bagpipe_operator.jobs.job_view import JobView
 from bagpipe_operator.jobs.policies.last_passed import last_passed
-from bagpipe_operator.jobs.view import JobView
 from tests.unit.operator.builders import JobBuilder, make_driver, make_job
 from tests.unit.operator.world import World
 

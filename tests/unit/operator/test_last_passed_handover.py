@@ -10,9 +10,9 @@ import pytest
 
 from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import ApiError
+from bagpipe_operator.jobs.job_view import JobView
 from bagpipe_operator.jobs.policies.last_passed import MOST_LISTED
 from bagpipe_operator.jobs.reconcile import Reconciler
-from bagpipe_operator.jobs.view import JobView
 from tests.unit.operator.test_last_passed import RUNS, kept, run, schedule, world_of
 from tests.unit.operator.world import World
 

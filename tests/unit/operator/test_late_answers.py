@@ -7,8 +7,9 @@ import pytest
 from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import ApiError
 from bagpipe_operator.cluster.departed import MOST_DEPARTED, Departed
+from bagpipe_operator.jobs.job_view import JobView
 from bagpipe_operator.jobs.metrics import JobMetrics
-from bagpipe_operator.jobs.view import JobView, View
+from bagpipe_operator.jobs.view import View
 from bagpipe_operator.jobs.watch import Watch
 from bagpipe_operator.runtime.queue import WorkQueue
 from bagpipe_operator.schedules.view import ScheduledJob, Schedules, ScheduleView

@@ -6,9 +6,11 @@ from bagpipe.spec import SimulationJobSpec
 from bagpipe_operator.api import names
 from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import ApiError
+from bagpipe_operator.jobs.job_view import JobView
+from bagpipe_operator.jobs.pod_view import PodView
 from bagpipe_operator.jobs.policies.resume import INDIFFERENT_SECTIONS
 from bagpipe_operator.jobs.sweep import Sweeper
-from bagpipe_operator.jobs.view import JobView, PodView, View
+from bagpipe_operator.jobs.view import View
 from bagpipe_operator.runtime.queue import WorkQueue
 from tests.unit.operator.builders import (
     JobBuilder,

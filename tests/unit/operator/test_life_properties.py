@@ -9,8 +9,10 @@ from hypothesis import strategies as st
 
 from bagpipe_operator.api import names
 from bagpipe_operator.cluster.client import ApiError
+from bagpipe_operator.jobs.job_view import JobView
+from bagpipe_operator.jobs.pod_view import PodView
 from bagpipe_operator.jobs.policies.places import living
-from bagpipe_operator.jobs.view import JobView, PodView, View
+from bagpipe_operator.jobs.view import View
 from tests.unit.operator.builders import PodBuilder, account, make_driver, make_executor, make_job
 from tests.unit.operator.test_life import edit, gone
 from tests.unit.operator.test_unseen import vanish

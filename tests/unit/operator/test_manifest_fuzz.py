@@ -16,11 +16,12 @@ from prometheus_client import CollectorRegistry, generate_latest
 
 from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import ApiError
+from bagpipe_operator.jobs.job_view import JobView
 from bagpipe_operator.jobs.metrics import JobMetrics
 from bagpipe_operator.jobs.pods.job_config import UnusableSpecError, read_spec
 from bagpipe_operator.jobs.reconcile import Reconciler
 from bagpipe_operator.jobs.sweep import Sweeper
-from bagpipe_operator.jobs.view import JobView, View
+from bagpipe_operator.jobs.view import View
 from bagpipe_operator.jobs.watch import Watch
 from bagpipe_operator.runtime.queue import WorkQueue
 from bagpipe_operator.schedules.alarms import Alarms

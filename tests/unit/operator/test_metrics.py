@@ -9,8 +9,9 @@ from prometheus_client import generate_latest
 
 from bagpipe_operator.cluster.client import ApiError
 from bagpipe_operator.jobs import milestones
+from bagpipe_operator.jobs.job_view import JobView
 from bagpipe_operator.jobs.metrics import JobMetrics
-from bagpipe_operator.jobs.view import JobView, View
+from bagpipe_operator.jobs.view import View
 from bagpipe_operator.runtime.queue import WorkQueue
 from tests.unit.operator.builders import make_driver, make_executor, make_job
 from tests.unit.operator.world import World

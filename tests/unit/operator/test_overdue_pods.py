@@ -9,8 +9,10 @@ import pytest
 
 from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import ApiError
+from bagpipe_operator.jobs.job_view import JobView
 from bagpipe_operator.jobs.overdue_pods import OverduePods
-from bagpipe_operator.jobs.view import JobView, PodView, View
+from bagpipe_operator.jobs.pod_view import PodView
+from bagpipe_operator.jobs.view import View
 from bagpipe_operator.runtime.fair_share import MOST_LOOKS_PER_SECOND
 from tests.unit.operator import virtual_time
 from tests.unit.operator.builders import START, make_executor, make_job

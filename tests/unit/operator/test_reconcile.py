@@ -7,7 +7,9 @@ import yaml
 
 from bagpipe_operator.api import names
 from bagpipe_operator.cluster.client import ApiError
-from bagpipe_operator.jobs.view import JobView, PodView, View
+from bagpipe_operator.jobs.job_view import JobView
+from bagpipe_operator.jobs.pod_view import PodView
+from bagpipe_operator.jobs.view import View
 from tests.unit.operator.builders import account, make_driver, make_executor, make_job
 from tests.unit.operator.world import UID, World
 

@@ -6,11 +6,12 @@ from dataclasses import replace
 from bagpipe_operator.api.objects import Json
 from bagpipe_operator.jobs.driver.ending import Ending, ending_of
 from bagpipe_operator.jobs.driver.progress import parse
+from bagpipe_operator.jobs.job_view import JobView
 from bagpipe_operator.jobs.observation import Observation
+from bagpipe_operator.jobs.pod_view import PodView
 from bagpipe_operator.jobs.pods.refusal import Refusal
 from bagpipe_operator.jobs.status import decide
 from bagpipe_operator.jobs.troubles.diagnose import troubles
-from bagpipe_operator.jobs.view import JobView, PodView
 from tests.unit.operator.builders import START, Clock, account, make_driver, make_executor, make_job
 
 STUCK_SECONDS = 30.0

@@ -6,7 +6,7 @@ import pytest
 
 from bagpipe_operator.cluster.client import ApiError
 from bagpipe_operator.jobs.metrics import JobMetrics
-from bagpipe_operator.jobs.view import PodView
+from bagpipe_operator.jobs.pod_view import PodView
 from bagpipe_operator.jobs.watch import Watch
 from bagpipe_operator.runtime.queue import WorkQueue
 from tests.unit.operator.builders import START, account, make_driver, make_executor, make_job

@@ -7,8 +7,8 @@ import pytest
 
 from bagpipe_operator.cluster.client import ApiError
 from bagpipe_operator.cluster.large_objects import LARGE, SIZE, trimmed
+from bagpipe_operator.jobs.job_view import JobView
 from bagpipe_operator.jobs.troubles.lookout import Lookout
-from bagpipe_operator.jobs.view import JobView
 from bagpipe_operator.settings import Settings
 from tests.unit.operator import virtual_time
 from tests.unit.operator.builders import Clock, PodBuilder, make_driver, make_executor, make_job

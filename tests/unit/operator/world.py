@@ -3,8 +3,9 @@
 from typing import Any
 
 from bagpipe_operator.api.objects import Json
+from bagpipe_operator.jobs.job_view import JobView
 from bagpipe_operator.jobs.reconcile import Reconciler
-from bagpipe_operator.jobs.view import JobView, View
+from bagpipe_operator.jobs.view import View
 from bagpipe_operator.settings import Settings
 from tests.unit.operator.builders import Clock, JobBuilder, PodBuilder, make_job
 from tests.unit.operator.fakes import FakeApi, FakeDrivers

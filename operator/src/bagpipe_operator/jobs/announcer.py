@@ -8,8 +8,8 @@ from datetime import datetime
 
 from bagpipe_operator.api import conditions, readings
 from bagpipe_operator.api.objects import Json
+from bagpipe_operator.jobs.job_view import JobView
 from bagpipe_operator.jobs.policies import notifying
-from bagpipe_operator.jobs.view import JobView
 from bagpipe_operator.notify.courier import Courier
 from bagpipe_operator.notify.event import cloud_event
 from bagpipe_operator.notify.letter import Letter

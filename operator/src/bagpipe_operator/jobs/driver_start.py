@@ -8,15 +8,17 @@ from bagpipe_operator.api import names, reasons
 from bagpipe_operator.cluster.client import Api, ApiError
 from bagpipe_operator.jobs.driver.ending import Ending, refused
 from bagpipe_operator.jobs.driver.lookup import DriverLookup
+from bagpipe_operator.jobs.job_view import JobView
 from bagpipe_operator.jobs.kueue.queueing import Queueing
 from bagpipe_operator.jobs.pod_removal import PodRemoval
+from bagpipe_operator.jobs.pod_view import PodView
 from bagpipe_operator.jobs.pods.children import create_children
 from bagpipe_operator.jobs.pods.job_config import JobTooLargeError, UnusableSpecError
 from bagpipe_operator.jobs.pods.refusal import Refusal
 from bagpipe_operator.jobs.specs import Specs
 from bagpipe_operator.jobs.status_writer import StatusWriter
 from bagpipe_operator.jobs.troubles.refusals import Refusals
-from bagpipe_operator.jobs.view import JobView, PodView, View
+from bagpipe_operator.jobs.view import View
 from bagpipe_operator.jobs.warm_start import WarmStarts
 from bagpipe_operator.settings import Settings
 

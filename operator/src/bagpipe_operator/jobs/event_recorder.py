@@ -13,8 +13,8 @@ from bagpipe_operator.cluster.client import Api, ApiError
 from bagpipe_operator.cluster.event_backlog import EventBacklog
 from bagpipe_operator.cluster.events import Note
 from bagpipe_operator.jobs import transitions
+from bagpipe_operator.jobs.job_view import JobView
 from bagpipe_operator.jobs.policies.suspend import is_swept
-from bagpipe_operator.jobs.view import JobView
 from bagpipe_operator.runtime.queue import retry_delay
 
 logger = logging.getLogger(__name__)

@@ -11,10 +11,11 @@ from prometheus_client.registry import Collector
 
 from bagpipe_operator.api.names import ROLE_DRIVER, ROLE_EXECUTOR
 from bagpipe_operator.jobs import milestones
+from bagpipe_operator.jobs.job_view import JobView
 from bagpipe_operator.jobs.milestones import VERDICTS
 from bagpipe_operator.jobs.policies.suspend import rests
 from bagpipe_operator.jobs.pools.standing import drivers_of_pools
-from bagpipe_operator.jobs.view import JobView, View
+from bagpipe_operator.jobs.view import View
 from bagpipe_operator.runtime.metrics import Metrics
 from bagpipe_operator.runtime.queue import WorkQueue
 

@@ -11,9 +11,9 @@ from typing import get_args
 from bagpipe_operator.api import conditions, readings, reasons
 from bagpipe_operator.api.objects import Json
 from bagpipe_operator.jobs.claim import COLD
+from bagpipe_operator.jobs.job_view import JobView
 from bagpipe_operator.jobs.policies.deletion import was_deleted
 from bagpipe_operator.jobs.pools.warm import ColdReason
-from bagpipe_operator.jobs.view import JobView
 
 ACCEPTED = "created_to_accepted"
 PLANNED = "accepted_to_planned"

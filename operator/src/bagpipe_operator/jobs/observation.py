@@ -7,9 +7,10 @@ from bagpipe_operator.api import names
 from bagpipe_operator.api.objects import Json
 from bagpipe_operator.jobs.driver.ending import Ending
 from bagpipe_operator.jobs.driver.progress import Progress
+from bagpipe_operator.jobs.job_view import JobView
+from bagpipe_operator.jobs.pod_view import PodView
 from bagpipe_operator.jobs.pods.refusal import Refusal
 from bagpipe_operator.jobs.troubles.trouble import Trouble
-from bagpipe_operator.jobs.view import JobView, PodView
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,10 @@ from bagpipe_operator.jobs.driver.lookup import DriverLookup
 from bagpipe_operator.jobs.driver.progress import Progress
 from bagpipe_operator.jobs.driver.rounds import serves
 from bagpipe_operator.jobs.driver_start import DriverStart
+from bagpipe_operator.jobs.job_view import JobView
 from bagpipe_operator.jobs.kueue.queueing import Queueing
 from bagpipe_operator.jobs.observation import Halt, Observation
+from bagpipe_operator.jobs.pod_view import PodView
 from bagpipe_operator.jobs.pods.job_config import UnusableSpecError
 from bagpipe_operator.jobs.pods.pinned import followed_schedule, pinned_baseline
 from bagpipe_operator.jobs.pods.refusal import Refusal
@@ -27,7 +29,7 @@ from bagpipe_operator.jobs.policies.stuck import fatal
 from bagpipe_operator.jobs.policies.suspend import is_reported
 from bagpipe_operator.jobs.troubles.diagnose import troubles
 from bagpipe_operator.jobs.troubles.lookout import Lookout
-from bagpipe_operator.jobs.view import JobView, PodView, View
+from bagpipe_operator.jobs.view import View
 from bagpipe_operator.jobs.warm_start import WarmStarts
 from bagpipe_operator.runtime.patience import Patience
 from bagpipe_operator.settings import Settings

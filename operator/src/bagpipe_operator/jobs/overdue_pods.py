@@ -12,7 +12,8 @@ from datetime import datetime
 
 from bagpipe_operator.cluster.client import ApiError, Objects, get_if_there
 from bagpipe_operator.jobs.driver.ending import overdue
-from bagpipe_operator.jobs.view import PodView, View
+from bagpipe_operator.jobs.pod_view import PodView
+from bagpipe_operator.jobs.view import View
 from bagpipe_operator.runtime.clock import utc_now
 from bagpipe_operator.runtime.fair_share import MOST_LOOKS_PER_SECOND
 

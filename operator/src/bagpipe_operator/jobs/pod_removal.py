@@ -6,8 +6,10 @@ from datetime import datetime
 
 from bagpipe_operator.api import names
 from bagpipe_operator.cluster.client import TIMEOUT, Api, ApiError
+from bagpipe_operator.jobs.job_view import JobView
+from bagpipe_operator.jobs.pod_view import PodView
 from bagpipe_operator.jobs.policies.places import living, needs_stop
-from bagpipe_operator.jobs.view import JobView, PodView, View
+from bagpipe_operator.jobs.view import View
 
 # For an executor whose driver has ended or was replaced: whatever it runs counts for nothing. Its
 # own grace period is for a case that ends, and a kubelet that can't stop the main container keeps

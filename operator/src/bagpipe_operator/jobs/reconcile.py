@@ -16,6 +16,7 @@ from bagpipe_operator.jobs.announcer import Announcer
 from bagpipe_operator.jobs.driver.lookup import Accounts, DriverLookup
 from bagpipe_operator.jobs.driver_start import DriverStart
 from bagpipe_operator.jobs.event_recorder import EventRecorder
+from bagpipe_operator.jobs.job_view import JobView
 from bagpipe_operator.jobs.kueue.queueing import Queueing
 from bagpipe_operator.jobs.observer import Observer, follows, resumes
 from bagpipe_operator.jobs.pod_removal import PodRemoval
@@ -25,7 +26,7 @@ from bagpipe_operator.jobs.policies.ttl import expired
 from bagpipe_operator.jobs.specs import Specs
 from bagpipe_operator.jobs.status import acknowledged, decide
 from bagpipe_operator.jobs.status_writer import StatusWriter
-from bagpipe_operator.jobs.view import JobView, View
+from bagpipe_operator.jobs.view import View
 from bagpipe_operator.jobs.warm_start import (
     NoOffers,
     Offers,

@@ -3,8 +3,8 @@
 from bagpipe.spec import SimulationJobSpec
 from bagpipe_operator.api.conditions import LONGEST_MESSAGE
 from bagpipe_operator.cluster.client import Api
+from bagpipe_operator.jobs.job_view import JobView
 from bagpipe_operator.jobs.pods.job_config import UnusableSpecError, read_spec
-from bagpipe_operator.jobs.view import JobView
 from bagpipe_operator.jobs.whole_job import whole
 
 

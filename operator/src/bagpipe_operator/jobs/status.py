@@ -13,6 +13,7 @@ from bagpipe_operator.api.objects import Json
 from bagpipe_operator.jobs.claim import is_asked_for, taken
 from bagpipe_operator.jobs.driver.ending import Ending
 from bagpipe_operator.jobs.driver.progress import Progress
+from bagpipe_operator.jobs.job_view import JobView
 from bagpipe_operator.jobs.observation import Halt, Observation
 from bagpipe_operator.jobs.pods.pinned import none_yet, pinned_baseline
 from bagpipe_operator.jobs.policies import verdict
@@ -23,7 +24,6 @@ from bagpipe_operator.jobs.policies.replacement import (
     pausing,
 )
 from bagpipe_operator.jobs.policies.stuck import stuck
-from bagpipe_operator.jobs.view import JobView
 
 _UNENDED = (
     Condition(conditions.COMPLETE, False, reasons.IN_PROGRESS, "The job has not ended."),

@@ -8,8 +8,9 @@ from bagpipe_operator.cluster.client import Api, ApiError
 from bagpipe_operator.jobs import transitions
 from bagpipe_operator.jobs.announcer import Announcer
 from bagpipe_operator.jobs.event_recorder import EventRecorder
+from bagpipe_operator.jobs.job_view import JobView
 from bagpipe_operator.jobs.policies.urgency import is_urgent
-from bagpipe_operator.jobs.view import JobView, View
+from bagpipe_operator.jobs.view import View
 from bagpipe_operator.runtime.write_pace import WritePace
 
 

@@ -9,11 +9,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
+from bagpipe_operator.jobs.job_view import JobView
 from bagpipe_operator.jobs.large_jobs import LargeJobs
 from bagpipe_operator.jobs.policies.places import lingers
 from bagpipe_operator.jobs.policies.suspend import is_swept
 from bagpipe_operator.jobs.policies.ttl import expired
-from bagpipe_operator.jobs.view import JobView, View
+from bagpipe_operator.jobs.view import View
 from bagpipe_operator.runtime.queue import WorkQueue
 
 

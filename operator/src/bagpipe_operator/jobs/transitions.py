@@ -8,7 +8,7 @@ from datetime import datetime
 from bagpipe_operator.api import conditions, names, reasons
 from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.events import NORMAL, WARNING, Note, event
-from bagpipe_operator.jobs.view import JobView
+from bagpipe_operator.jobs.job_view import JobView
 
 # Reasons of Accepted that are no trouble; the last two are reported by the condition Suspended.
 _QUIET = frozenset({reasons.IN_PROGRESS, reasons.JOB_SUSPENDED, reasons.QUEUED})

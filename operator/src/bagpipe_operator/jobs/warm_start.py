@@ -17,6 +17,8 @@ from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import Api, get_if_there
 from bagpipe_operator.jobs.claim import COLD, Claim, claim_of, taken
 from bagpipe_operator.jobs.driver.ending import overdue
+from bagpipe_operator.jobs.job_view import JobView
+from bagpipe_operator.jobs.pod_view import PodView
 from bagpipe_operator.jobs.pods.children import check_allowed
 from bagpipe_operator.jobs.pods.job_config import (
     LARGEST_CONFIG_BYTES,
@@ -37,7 +39,7 @@ from bagpipe_operator.jobs.pools.warm import (
     leaving,
 )
 from bagpipe_operator.jobs.specs import Specs
-from bagpipe_operator.jobs.view import JobView, PodView, View
+from bagpipe_operator.jobs.view import View
 from bagpipe_operator.runtime.patience import Patience
 from bagpipe_operator.settings import Settings
 

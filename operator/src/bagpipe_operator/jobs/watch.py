@@ -18,7 +18,9 @@ from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.bounded_session import Answered, bounded_connection
 from bagpipe_operator.cluster.connection import in_cluster
 from bagpipe_operator.cluster.large_objects import PAGE
-from bagpipe_operator.jobs.view import JobView, PodView, View
+from bagpipe_operator.jobs.job_view import JobView
+from bagpipe_operator.jobs.pod_view import PodView
+from bagpipe_operator.jobs.view import View
 from bagpipe_operator.runtime.metrics import Metrics
 from bagpipe_operator.runtime.queue import Lane, WorkQueue
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from bagpipe_operator.api.kept_spec import unpacked
 from bagpipe_operator.cluster.client import Api, ApiError
-from bagpipe_operator.jobs.view import JobView
+from bagpipe_operator.jobs.job_view import JobView
 
 
 async def whole(api: Api, job: JobView) -> JobView:

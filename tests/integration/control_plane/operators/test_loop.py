@@ -12,8 +12,10 @@ from kubernetes.aio import config
 from kubernetes.aio.client import ApiClient, Configuration
 
 from bagpipe_operator.cluster.client import ApiError, KubernetesApi
+from bagpipe_operator.jobs.job_view import JobView
+from bagpipe_operator.jobs.pod_view import PodView
 from bagpipe_operator.jobs.reconcile import Reconciler
-from bagpipe_operator.jobs.view import JobView, PodView, View
+from bagpipe_operator.jobs.view import View
 from bagpipe_operator.settings import Settings
 from tests.integration.control_plane.client import Client, Object, core, jobs
 from tests.integration.control_plane.conftest import StartOperator

@@ -3,8 +3,8 @@
 import pytest
 
 from bagpipe_operator.cluster.client import ApiError
+from bagpipe_operator.jobs.job_view import JobView
 from bagpipe_operator.jobs.kueue.workload_view import WorkloadView
-from bagpipe_operator.jobs.view import JobView
 from tests.unit.operator.builders import account, make_driver, make_executor
 from tests.unit.operator.kueue.fake_kueue import QueueWorld
 from tests.unit.operator.kueue.test_queueing import queued, running

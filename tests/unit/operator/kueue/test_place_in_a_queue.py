@@ -8,11 +8,11 @@ from bagpipe.spec import SimulationJobSpec
 from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import ApiError
 from bagpipe_operator.cluster.large_objects import LARGE, SIZE, trimmed
+from bagpipe_operator.jobs.job_view import JobView
 from bagpipe_operator.jobs.kueue.queueing import Queueing
 from bagpipe_operator.jobs.kueue.workload_view import Workloads, WorkloadView
 from bagpipe_operator.jobs.pods.job_config import UnusableSpecError, read_spec
 from bagpipe_operator.jobs.pods.refusal import Refusal
-from bagpipe_operator.jobs.view import JobView
 from bagpipe_operator.settings import Settings
 from tests.unit.operator.builders import Clock, JobBuilder, make_job
 from tests.unit.operator.kueue.fake_kueue import FakeKueueApi

@@ -10,8 +10,9 @@ from prometheus_client import CollectorRegistry
 from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import ApiError
 from bagpipe_operator.jobs.announcer import Announcer, event_of
+from bagpipe_operator.jobs.job_view import JobView
 from bagpipe_operator.jobs.policies.notifying import kind_of, kinds_of
-from bagpipe_operator.jobs.view import JobView, View
+from bagpipe_operator.jobs.view import View
 from bagpipe_operator.notify.courier import Courier, Line
 from bagpipe_operator.notify.letter import Answer, Letter
 from bagpipe_operator.notify.metrics import NotificationMetrics

@@ -7,10 +7,12 @@ from typing import Any
 from bagpipe_operator.api import names
 from bagpipe_operator.api.objects import Json
 from bagpipe_operator.jobs.driver.progress import Progress, parse
+from bagpipe_operator.jobs.job_view import JobView
 from bagpipe_operator.jobs.metrics import JobMetrics
+from bagpipe_operator.jobs.pod_view import PodView
 from bagpipe_operator.jobs.pools.handover import Received
 from bagpipe_operator.jobs.reconcile import Reconciler
-from bagpipe_operator.jobs.view import JobView, PodView, View
+from bagpipe_operator.jobs.view import View
 from bagpipe_operator.runtime.queue import WorkQueue
 from bagpipe_operator.settings import Settings
 from tests.unit.operator.builders import Clock, JobBuilder, account, make_executor, make_job

@@ -9,8 +9,10 @@ from collections.abc import Callable
 import pytest
 
 from bagpipe_operator.api import names
+from bagpipe_operator.jobs.job_view import JobView
+from bagpipe_operator.jobs.pod_view import ContainerView, PodView
 from bagpipe_operator.jobs.pools.standing import drivers_of_pools
-from bagpipe_operator.jobs.view import ContainerView, JobView, PodView, View
+from bagpipe_operator.jobs.view import View
 from tests.unit.operator.pools.pool_world import World, pooled
 
 GUESTS, EXECUTORS = 1_000, 500

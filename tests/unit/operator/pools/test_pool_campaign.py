@@ -21,9 +21,11 @@ from bagpipe_operator.api import names
 from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import ApiError
 from bagpipe_operator.jobs.driver.progress import Progress, parse
+from bagpipe_operator.jobs.job_view import JobView
+from bagpipe_operator.jobs.pod_view import PodView
 from bagpipe_operator.jobs.pools.handover import Received
 from bagpipe_operator.jobs.reconcile import Reconciler
-from bagpipe_operator.jobs.view import JobView, PodView, View
+from bagpipe_operator.jobs.view import View
 from bagpipe_operator.settings import Settings
 from tests.unit.bagpipe.offers import offer_of
 from tests.unit.operator.builders import Clock, JobBuilder, account, make_job

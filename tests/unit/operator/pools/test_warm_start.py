@@ -14,8 +14,10 @@ from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import ApiError
 from bagpipe_operator.cluster.lent_pods import may_lend_pods
 from bagpipe_operator.jobs.claim import claim_of
+from bagpipe_operator.jobs.job_view import JobView
+from bagpipe_operator.jobs.pod_view import PodView
 from bagpipe_operator.jobs.sweep import Sweeper
-from bagpipe_operator.jobs.view import JobView, PodView, View
+from bagpipe_operator.jobs.view import View
 from bagpipe_operator.jobs.watch import Watch
 from bagpipe_operator.runtime.metrics import Metrics
 from bagpipe_operator.runtime.queue import WorkQueue

@@ -5,8 +5,8 @@ from datetime import datetime
 
 from bagpipe_operator.api import names, reasons
 from bagpipe_operator.jobs.driver.progress import Progress, parse
+from bagpipe_operator.jobs.pod_view import ContainerView, Disruption, PodView
 from bagpipe_operator.jobs.troubles.casualties import EVICTIONS, VOLUNTARY
-from bagpipe_operator.jobs.view import ContainerView, Disruption, PodView
 
 _AGAIN = "Create the job again."
 # What a driver gives as the reason of its last account when it could not go on without Spark.

@@ -8,7 +8,9 @@ from bagpipe_operator.jobs.claim import driver_name
 from bagpipe_operator.jobs.driver.ending import Ending, lost_driver
 from bagpipe_operator.jobs.driver.progress import Progress
 from bagpipe_operator.jobs.driver.rounds import Rounds, serves
-from bagpipe_operator.jobs.view import JobView, PodView, View
+from bagpipe_operator.jobs.job_view import JobView
+from bagpipe_operator.jobs.pod_view import PodView
+from bagpipe_operator.jobs.view import View
 from bagpipe_operator.runtime.patience import Patience
 
 # A driver that has been silent for this long is looked for: the watch may have lost its end.

@@ -7,7 +7,7 @@ its node or its image, is looked for in rounds.
 
 from collections.abc import Callable
 
-from bagpipe_operator.jobs.view import PodView
+from bagpipe_operator.jobs.pod_view import PodView
 from bagpipe_operator.runtime.fair_share import FairShare
 
 LOOK_EVERY_SECONDS = 30.0

@@ -12,13 +12,13 @@ from bagpipe.spec import SimulationJobSpec
 from bagpipe_operator.api import conditions, readings, reasons
 from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import Api, ApiError
+from bagpipe_operator.jobs.job_view import JobView
 from bagpipe_operator.jobs.kueue import placement, workload, workload_view
 from bagpipe_operator.jobs.kueue.workload_view import Workloads, WorkloadView
 from bagpipe_operator.jobs.observation import Halt
 from bagpipe_operator.jobs.pods.job_config import UnusableSpecError
 from bagpipe_operator.jobs.pods.refusal import Refusal
 from bagpipe_operator.jobs.specs import Specs
-from bagpipe_operator.jobs.view import JobView
 from bagpipe_operator.jobs.whole_job import whole
 from bagpipe_operator.runtime.fair_share import FairShare
 from bagpipe_operator.settings import Settings

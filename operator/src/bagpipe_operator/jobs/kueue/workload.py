@@ -12,11 +12,11 @@ from datetime import datetime
 from bagpipe.spec import SimulationJobSpec
 from bagpipe_operator.api import conditions, names, readings
 from bagpipe_operator.api.objects import Json
+from bagpipe_operator.jobs.job_view import JobView
 from bagpipe_operator.jobs.kueue import workload_view
 from bagpipe_operator.jobs.kueue.workload_view import WorkloadView
 from bagpipe_operator.jobs.pods.driver_pod import driver_pod
 from bagpipe_operator.jobs.pods.executor_template import executor_trial
-from bagpipe_operator.jobs.view import JobView
 from bagpipe_operator.settings import Settings
 
 GROUP = "kueue.x-k8s.io"

@@ -10,11 +10,12 @@ from bagpipe.storage_hosts import refused_uris
 from bagpipe_operator.api import names, reasons
 from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import Api, ApiError, get_if_there
+from bagpipe_operator.jobs.job_view import JobView
+from bagpipe_operator.jobs.pod_view import PodView
 from bagpipe_operator.jobs.pods.driver_pod import driver_pod
 from bagpipe_operator.jobs.pods.executor_template import executor_trial
 from bagpipe_operator.jobs.pods.job_config import UnusableSpecError, job_config
 from bagpipe_operator.jobs.pods.refusal import Refusal
-from bagpipe_operator.jobs.view import JobView, PodView
 from bagpipe_operator.settings import Settings
 
 # Of what a pod names and the API server can't look up, such as the priority class `a/b`: it answers

@@ -4,6 +4,7 @@ from bagpipe.quantities import heap_mebibytes
 from bagpipe.spec import SimulationJobSpec
 from bagpipe_operator.api import names
 from bagpipe_operator.api.objects import Json
+from bagpipe_operator.jobs.job_view import JobView
 from bagpipe_operator.jobs.pods import pod_parts
 from bagpipe_operator.jobs.pods.volumes import (
     claim_mounts,
@@ -11,7 +12,6 @@ from bagpipe_operator.jobs.pods.volumes import (
     host_environment,
     secret_environment,
 )
-from bagpipe_operator.jobs.view import JobView
 from bagpipe_operator.settings import Settings
 
 # The image's name for the user that its containers run as.

@@ -7,6 +7,7 @@ restart policy; this module defines the rest of the pod.
 from bagpipe.spec import SimulationJobSpec, shared_folder, stack_images
 from bagpipe_operator.api import names
 from bagpipe_operator.api.objects import Json
+from bagpipe_operator.jobs.job_view import JobView
 from bagpipe_operator.jobs.pods import pod_parts
 from bagpipe_operator.jobs.pods.volumes import (
     claim_mounts,
@@ -16,7 +17,6 @@ from bagpipe_operator.jobs.pods.volumes import (
     host_environment,
     secret_environment,
 )
-from bagpipe_operator.jobs.view import JobView
 from bagpipe_operator.settings import Settings
 
 AGENT = f"{names.SHARED_PATH}/bin/bagpipe-agent"

@@ -12,10 +12,10 @@ from bagpipe_operator.api import names
 from bagpipe_operator.api.nesting import DEEPEST, is_deep
 from bagpipe_operator.api.objects import Json
 from bagpipe_operator.api.readings import mapping
+from bagpipe_operator.jobs.job_view import JobView
 from bagpipe_operator.jobs.pods.executor_template import executor_template
 from bagpipe_operator.jobs.pods.pinned import none_yet, pinned_baseline, with_baseline
 from bagpipe_operator.jobs.pods.volumes import claim_paths
-from bagpipe_operator.jobs.view import JobView
 from bagpipe_operator.settings import Settings
 
 # The API server's limit for all of a ConfigMap's values.

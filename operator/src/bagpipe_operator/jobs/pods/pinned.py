@@ -2,7 +2,7 @@
 
 from bagpipe_operator.api import readings
 from bagpipe_operator.api.objects import Json
-from bagpipe_operator.jobs.view import JobView
+from bagpipe_operator.jobs.job_view import JobView
 
 _PREFIX = "schedule/"
 

@@ -4,8 +4,8 @@ import re
 from datetime import datetime
 
 from bagpipe_operator.api import conditions, readings, reasons
+from bagpipe_operator.jobs.job_view import JobView
 from bagpipe_operator.jobs.observation import Halt
-from bagpipe_operator.jobs.view import JobView
 
 _DEADLINES = frozenset({reasons.START_DEADLINE_EXCEEDED, reasons.DEADLINE_EXCEEDED})
 _STOPPING = re.compile(r" \d+ pods? (is|are) being stopped; what is done is kept\.$")

@@ -2,8 +2,8 @@
 
 from bagpipe_operator.api import conditions, reasons
 from bagpipe_operator.api.objects import Json
+from bagpipe_operator.jobs.job_view import JobView
 from bagpipe_operator.jobs.observation import Halt
-from bagpipe_operator.jobs.view import JobView
 
 
 def deletion(job: JobView) -> Halt | None:

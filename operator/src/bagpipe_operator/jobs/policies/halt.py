@@ -4,11 +4,11 @@ from datetime import datetime
 
 from bagpipe_operator.api import reasons
 from bagpipe_operator.jobs.driver.progress import Progress
+from bagpipe_operator.jobs.job_view import JobView
 from bagpipe_operator.jobs.observation import Halt
 from bagpipe_operator.jobs.policies.deadlines import late_end, late_start, reported_late
 from bagpipe_operator.jobs.policies.deletion import deletion
 from bagpipe_operator.jobs.policies.suspend import suspension
-from bagpipe_operator.jobs.view import JobView
 
 
 def halt_of(job: JobView, now: datetime) -> Halt | None:

@@ -10,8 +10,8 @@ from bagpipe_operator.api import names, readings
 from bagpipe_operator.api.objects import Json
 from bagpipe_operator.api.runs import PassedRun, controller_of, kept_run, passed_run, run_of
 from bagpipe_operator.cluster.client import Api, ApiError
+from bagpipe_operator.jobs.job_view import JobView
 from bagpipe_operator.jobs.pods.pinned import followed_schedule
-from bagpipe_operator.jobs.view import JobView
 from bagpipe_operator.runtime.patience import Patience
 
 # A schedule that has not named a run by then, such as one of a CRD without the field, never will.

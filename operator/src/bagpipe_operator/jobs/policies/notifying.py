@@ -10,8 +10,8 @@ from datetime import datetime
 from bagpipe_operator.api import conditions, readings, reasons
 from bagpipe_operator.api.conditions import Condition
 from bagpipe_operator.api.objects import Json
+from bagpipe_operator.jobs.job_view import JobView
 from bagpipe_operator.jobs.policies.deletion import was_deleted
-from bagpipe_operator.jobs.view import JobView
 from bagpipe_operator.notify.letter import Outcome
 from bagpipe_operator.receivers import MOST_NAMED, Receiver, Receivers
 

@@ -5,7 +5,7 @@ from datetime import datetime
 
 from bagpipe_operator.api import names
 from bagpipe_operator.jobs.driver.ending import overdue
-from bagpipe_operator.jobs.view import PodView
+from bagpipe_operator.jobs.pod_view import PodView
 
 # A native sidecar, or a mesh set to end with its pod, ends within seconds after the driver.
 LINGER_SECONDS = 30.0

@@ -3,7 +3,7 @@
 from datetime import datetime
 
 from bagpipe_operator.jobs.driver.ending import Ending
-from bagpipe_operator.jobs.view import JobView
+from bagpipe_operator.jobs.job_view import JobView
 
 # A driver that is lost again and again is not helped by haste, and its node or its storage is.
 FIRST_PAUSE_SECONDS = 10.0

@@ -4,7 +4,7 @@ from bagpipe.json_equality import same
 from bagpipe.spec import SimulationJobSpec, claims
 from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import Api, ApiError
-from bagpipe_operator.jobs.view import JobView
+from bagpipe_operator.jobs.job_view import JobView
 
 # What decides no case: where and when it runs, who is notified, and what is made of all of them.
 # Any other section of the spec does, and so does one that is added to it. Of `spark`, the volumes

@@ -1,8 +1,8 @@
 """Suspension: whether a job is suspended, and whether its status reports it. Pure."""
 
 from bagpipe_operator.api import conditions, reasons
+from bagpipe_operator.jobs.job_view import JobView
 from bagpipe_operator.jobs.observation import Halt
-from bagpipe_operator.jobs.view import JobView
 
 
 def suspension(job: JobView) -> Halt | None:

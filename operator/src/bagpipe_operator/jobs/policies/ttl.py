@@ -2,8 +2,8 @@
 
 from datetime import datetime
 
+from bagpipe_operator.jobs.job_view import JobView
 from bagpipe_operator.jobs.policies.deadlines import passed
-from bagpipe_operator.jobs.view import JobView
 
 
 def expired(job: JobView, now: datetime) -> bool:

@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 
 from bagpipe.spec import SimulationJobSpec
 from bagpipe_operator.api.objects import Json
+from bagpipe_operator.jobs.job_view import JobView
 from bagpipe_operator.jobs.pods.driver_pod import driver_pod
 from bagpipe_operator.jobs.pods.executor_template import executor_trial
 from bagpipe_operator.jobs.pods.pod_parts import plain
-from bagpipe_operator.jobs.view import JobView
 from bagpipe_operator.settings import Settings
 
 _NOBODY = "nobody"

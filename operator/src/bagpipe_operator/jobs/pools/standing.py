@@ -6,8 +6,10 @@ writes: a pod that somebody made with the labels of a driver is none.
 
 from bagpipe_operator.api import conditions, names, readings
 from bagpipe_operator.jobs.claim import claim_of
+from bagpipe_operator.jobs.job_view import JobView
+from bagpipe_operator.jobs.pod_view import PodView
 from bagpipe_operator.jobs.pools.warm import WarmDriver
-from bagpipe_operator.jobs.view import JobView, PodView, View
+from bagpipe_operator.jobs.view import View
 
 
 def drivers_of_pools(view: View, namespace: str) -> list[WarmDriver]:

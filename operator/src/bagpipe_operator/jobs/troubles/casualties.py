@@ -8,8 +8,8 @@ from collections.abc import Iterable
 from datetime import datetime
 
 from bagpipe_operator.api import names, reasons
+from bagpipe_operator.jobs.pod_view import ContainerView, PodView
 from bagpipe_operator.jobs.troubles.trouble import Trouble, sentence
-from bagpipe_operator.jobs.view import ContainerView, PodView
 
 REPORTED_SECONDS = 60.0
 

@@ -8,9 +8,9 @@ from collections.abc import Iterable
 from datetime import datetime
 
 from bagpipe_operator.api import names, reasons
+from bagpipe_operator.jobs.pod_view import ContainerView, PodView
 from bagpipe_operator.jobs.troubles.casualties import casualties
 from bagpipe_operator.jobs.troubles.trouble import Trouble, sentence
-from bagpipe_operator.jobs.view import ContainerView, PodView
 
 # The words of kubelet and container runtime for "the image is not there".
 _IMAGE = frozenset(

@@ -13,11 +13,12 @@ from dataclasses import dataclass, field
 from bagpipe.executor_range import wanted
 from bagpipe_operator.api import names, readings
 from bagpipe_operator.cluster.client import Api, ApiError, get_if_there
+from bagpipe_operator.jobs.job_view import JobView
+from bagpipe_operator.jobs.pod_view import PodView
 from bagpipe_operator.jobs.pods.executor_template import executor_trial
 from bagpipe_operator.jobs.pods.job_config import UnusableSpecError, read_spec
 from bagpipe_operator.jobs.troubles import pending
 from bagpipe_operator.jobs.troubles.trouble import Trouble
-from bagpipe_operator.jobs.view import JobView, PodView
 from bagpipe_operator.jobs.whole_job import whole
 from bagpipe_operator.runtime.fair_share import FairShare
 from bagpipe_operator.runtime.patience import Patience

@@ -12,9 +12,9 @@ from datetime import UTC, datetime
 
 from bagpipe_operator.api import readings, reasons
 from bagpipe_operator.api.objects import Json
+from bagpipe_operator.jobs.pod_view import PodView
 from bagpipe_operator.jobs.troubles.diagnose import of_image, of_missing
 from bagpipe_operator.jobs.troubles.trouble import Trouble, sentence
-from bagpipe_operator.jobs.view import PodView
 
 _MOUNT = frozenset({"FailedMount", "FailedAttachVolume", "FailedMapVolume"})
 _SANDBOX = frozenset({"FailedCreatePodSandBox", "FailedCreatePodContainer"})

@@ -8,9 +8,9 @@ do that Lookout looks into.
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from bagpipe_operator.jobs.job_view import JobView
 from bagpipe_operator.jobs.pods.refusal import Refusal
 from bagpipe_operator.jobs.troubles.lookout import LOOK_EVERY_SECONDS
-from bagpipe_operator.jobs.view import JobView
 from bagpipe_operator.runtime.fair_share import FairShare
 
 
