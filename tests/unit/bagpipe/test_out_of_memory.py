@@ -4,6 +4,7 @@ The count of the node is faked, as the machine of the tests has a cgroup of vers
 ends one process alone.
 """
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -21,7 +22,7 @@ from bagpipe.source.planning import plan
 from bagpipe.storage import Storage
 from bagpipe.wire import session as session_module
 from bagpipe.wire import slot as slot_module
-from bagpipe.wire.frames import FrameType
+from bagpipe.wire.frames import Encoder, FrameType
 from bagpipe.wire.session import AgentGoneError, SessionError
 from tests.unit.bagpipe.bags import steady, write_bag
 from tests.unit.bagpipe.fake_agent import (
@@ -210,10 +211,55 @@ def test_what_the_agent_reports_itself_stays(reason: str) -> None:
     assert named(error, 5, 1) is error
 
 
-def test_an_agent_that_comes_back_at_once_may_look_as_if_it_broke_the_protocol() -> None:
-    error = named(SessionError("ProtocolError", "no frame", ["boom"]), 2, 1)
-    assert (error.reason, error.stderr) == ("StackOutOfMemory", ["boom"])
-    assert "ended 2 processes for lack of memory" in str(error)
+def test_an_agent_that_comes_back_at_once_looks_as_if_the_stream_were_broken(
+    run: Run, vmstat: Path
+) -> None:
+    """The worker has not seen that the first one left the pipe: the next one's frames, which
+    begin at number 0, come in the same stream."""
+
+    def replaced(count: int) -> Script:
+        def script(agent: FakeAgent) -> None:
+            agent.read_until(FrameType.HELLO)
+            pipe = agent.open_outgoing()
+            agent.greet(pipe)
+            vmstat.write_text(f"oom_kill {count}\n")
+            next_one = Encoder()
+            abort = {"session": "", "reason": "ProtocolError", "message": "no HELLO"}
+            os.write(pipe, next_one.encode_fields(FrameType.ABORT, abort))
+            agent.vanish()
+
+        return script
+
+    row = run(replaced(7), replaced(11))
+    assert (row["outcome"], row["reason"], row["attempts"]) == ("failed", "StackOutOfMemory", 2)
+    assert row["message"] == ENDED
+
+
+def test_what_a_living_agent_calls_broken_is_no_stack_s_beside_a_neighbour_that_is_ended(
+    run: Run, vmstat: Path
+) -> None:
+    """Its own ABORT goes on with its stream: it lives, and so does the stack's container."""
+
+    def beside(count: int) -> Script:
+        def script(agent: FakeAgent) -> None:
+            agent.read_until(FrameType.HELLO)
+            pipe = agent.open_outgoing()
+            agent.greet(pipe)
+            vmstat.write_text(f"oom_kill {count}\n")
+            abort = {"reason": "ProtocolError", "message": "the digest of DATA is another one"}
+            agent.send(pipe, FrameType.ABORT, abort)
+
+        return script
+
+    row = run(beside(7), beside(11), well_behaved())
+    assert (row["outcome"], row["attempts"]) == ("passed", 3)
+    assert [each["reason"] for each in row["discarded"]] == ["ProtocolError"] * 2
+
+
+@pytest.mark.parametrize("message", ["the agent speaks protocol 2, this worker 1", "END says 1"])
+def test_a_fault_within_the_agent_s_own_frames_is_none_of_the_stack_s(message: str) -> None:
+    error = SessionError("ProtocolError", message)
+    assert named(error, 5, 1) is error
 
 
 @pytest.mark.parametrize("slots", [1, 4])

@@ -17,7 +17,7 @@ def named(error: SessionError, kills: int, slots: int | None) -> SessionError:
     Where it ends single processes, the agent's was the largest. The count is of the node: what of
     it was another pod's is not known.
     """
-    if kills == 0 or slots is None or not _may_have_died(error):
+    if kills == 0 or slots is None or not isinstance(error, AgentGoneError):
         return error
     number = "a process" if kills == 1 else f"{kills} processes"
     seen = f"meanwhile the kernel of its node ended {number} for lack of memory"
@@ -31,13 +31,6 @@ def named(error: SessionError, kills: int, slots: int | None) -> SessionError:
     if kills > 1:
         whose = f"spark.slots ({slots}) cases share the container, so it is not known whose"
     return SessionError(error.reason, f"{error}; {seen}, {whose}: {_ADVICE}", error.stderr)
-
-
-def _may_have_died(error: SessionError) -> bool:
-    """With the case in hand: a worker that looks late has its frames read by the agent that comes
-    after the one that was ended.
-    """
-    return isinstance(error, AgentGoneError) or error.reason == "ProtocolError"
 
 
 def passed_after(message: str) -> str:

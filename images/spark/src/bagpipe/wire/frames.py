@@ -61,6 +61,10 @@ class ProtocolError(Exception):
         self.offset = offset
 
 
+class BrokenStreamError(ProtocolError):
+    """Bytes that don't go on with the stream: damaged, or of another sender than before."""
+
+
 @dataclass(slots=True)
 class Frame:
     """One frame as received; `payload` is 0 to 1,048,576 bytes."""
@@ -243,7 +247,7 @@ class Decoder:
         prefix, length, sequence = _CHECKED.unpack_from(head)
         kind = _KINDS.get(prefix)
         if kind is None or sequence != self._sequence or not _fits(kind, length):
-            raise ProtocolError(self._offset, _header_fault(head, self._sequence))
+            raise BrokenStreamError(self._offset, _header_fault(head, self._sequence))
         return kind, length
 
     def _take(self, kind: FrameType, head: bytes, payload: bytes) -> Frame:
@@ -255,7 +259,8 @@ class Decoder:
         written = head[_CHECKED_HEADER_BYTES:]
         if written != _CHECKSUM.pack(actual):
             (checksum,) = _CHECKSUM.unpack(written)
-            raise ProtocolError(self._offset, f"crc32c {checksum:#010x}, expected {actual:#010x}")
+            why = f"crc32c {checksum:#010x}, expected {actual:#010x}"
+            raise BrokenStreamError(self._offset, why)
         self._offset += HEADER_BYTES + length
         self._sequence = (self._sequence + 1) & 0xFFFFFFFF
         self._digest_before = self._digest

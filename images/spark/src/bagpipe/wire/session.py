@@ -17,6 +17,7 @@ from pydantic import TypeAdapter
 
 import bagpipe
 from bagpipe.wire.frames import (
+    BrokenStreamError,
     Decoder,
     Encoder,
     Frame,
@@ -49,7 +50,11 @@ class SessionError(Exception):
 
 
 class AgentGoneError(SessionError):
-    """The agent had taken the case, and left the pipe: its container ended with the stack in it."""
+    """The agent had taken the case, and left the pipe: its container ended with the stack in it.
+
+    So it is where its stream goes on with another's bytes: a worker that looks late has its frames
+    read by the agent that comes after the one that was ended.
+    """
 
 
 @dataclass(frozen=True)
@@ -280,6 +285,8 @@ def _receive(ends: Ends, receiver: "_Receiver", peer_gone: bool) -> None:
     if data:
         try:
             receiver.feed(data)
+        except BrokenStreamError as error:
+            raise AgentGoneError("ProtocolError", str(error)) from error
         except (ProtocolError, MapError) as error:
             raise SessionError("ProtocolError", str(error)) from error
     elif receiver.answer.hello or peer_gone:
