@@ -5,7 +5,8 @@ import pytest
 from bagpipe_operator.cluster.client import ApiError
 from bagpipe_operator.cluster.large_objects import LARGE, SIZE, trimmed
 from bagpipe_operator.jobs.job_view import JobView
-from bagpipe_operator.jobs.troubles.lookout import MOST_CLAIMS, MOST_PODS, Lookout
+from bagpipe_operator.jobs.pod_view import MOST_CLAIMS
+from bagpipe_operator.jobs.troubles.lookout import MOST_PODS, Lookout
 from bagpipe_operator.settings import Settings
 from tests.unit.operator.builders import (
     Clock,

@@ -163,7 +163,7 @@ def trimmed(thing: Json) -> Json:
         each for each in readings.objects(meta.get("ownerReferences")) if each.get("controller")
     ]
     kept["metadata"]["ownerReferences"] = owners
-    if shape := _shape(meta):
+    if shape := shape_of(meta):
         kept["metadata"]["annotations"] = {names.ANNOTATION_SHAPE: shape}
     if "involvedObject" in thing:
         return kept | _of_event(thing)
@@ -175,8 +175,11 @@ def trimmed(thing: Json) -> Json:
     return kept | {"spec": what_decides(spec), TRIMMED: True}
 
 
-def _shape(meta: Json) -> str:
-    """Of a driver that waits for another job: without it, its pool would end it."""
+def shape_of(meta: Json) -> str:
+    """Of a driver that waits for another job, by its metadata: without it, its pool would end it.
+
+    Empty for any other pod, and for one whose annotation is too long to be ours.
+    """
     shape = str(readings.mapping(meta.get("annotations")).get(names.ANNOTATION_SHAPE) or "")
     return shape if len(shape) <= _LONGEST_WORD else ""
 

@@ -2,9 +2,17 @@
 
 from dataclasses import dataclass
 from datetime import datetime
+from itertools import islice
 
 from bagpipe_operator.api import names, readings
 from bagpipe_operator.api.objects import Json
+from bagpipe_operator.cluster.large_objects import shape_of
+
+# Of what the API server takes at any length from whoever may create pods, as much as is read. The
+# largest pod of Bagpipe's has 16 variants' containers and a few more, and a handful of claims.
+MOST_CONTAINERS, MOST_CLAIMS = 64, 20
+# No claim can have a longer name, no image a longer reference; a driver's account is 4,096 bytes.
+_LONGEST_CLAIM, _LONGEST_IMAGE, _LONGEST_TEXT = 253, 512, 4096
 
 
 @dataclass(frozen=True)
@@ -76,8 +84,8 @@ class PodView:
         labels = meta.get("labels") or {}
         attempt = labels.get(names.LABEL_ATTEMPT, "")
         statuses = [
-            *(status.get("initContainerStatuses") or []),
-            *(status.get("containerStatuses") or []),
+            *(status.get("initContainerStatuses") or [])[:MOST_CONTAINERS],
+            *(status.get("containerStatuses") or [])[:MOST_CONTAINERS],
         ]
         return cls(
             namespace=meta["namespace"],
@@ -90,8 +98,8 @@ class PodView:
             phase=status.get("phase") or "Pending",
             ip=status.get("podIP") or "",
             gone_by=readings.moment(meta.get("deletionTimestamp")),
-            reason=status.get("reason") or "",
-            message=status.get("message") or "",
+            reason=_text(status.get("reason")),
+            message=_text(status.get("message")),
             unschedulable=_unschedulable(status),
             containers=tuple(_container(s) for s in statuses),
             resource_version=str(meta.get("resourceVersion") or ""),
@@ -99,7 +107,7 @@ class PodView:
             claims=_claims(pod.get("spec") or {}),
             disruption=_disruption(status),
             node_silent=_node_silent(status),
-            shape=(meta.get("annotations") or {}).get(names.ANNOTATION_SHAPE, ""),
+            shape=shape_of(meta),
         )
 
 
@@ -108,21 +116,27 @@ def _unschedulable(status: Json) -> str:
         if condition.get("type") == "PodScheduled" and condition.get("status") == "False":
             if condition.get("reason") == "SchedulingGated":
                 return ""  # a queue holds it back, and nobody has looked for a node
-            return condition.get("message") or condition.get("reason") or "no node fits"
+            return _text(condition.get("message") or condition.get("reason") or "no node fits")
     return ""
 
 
 def _claims(spec: Json) -> tuple[str, ...]:
-    sources = [v.get("persistentVolumeClaim") for v in spec.get("volumes") or []]
-    return tuple(source["claimName"] for source in sources if source)
+    """The first ones; a longer name than a claim can have is none's."""
+    sources = (v.get("persistentVolumeClaim") for v in spec.get("volumes") or [])
+    claims = (source["claimName"] for source in sources if source)
+    return tuple(islice((each for each in claims if len(each) <= _LONGEST_CLAIM), MOST_CLAIMS))
+
+
+def _text(value: str | None, most: int = _LONGEST_TEXT) -> str:
+    return (value or "")[:most]
 
 
 def _disruption(status: Json) -> Disruption | None:
     for condition in status.get("conditions") or []:
         if condition.get("type") == "DisruptionTarget" and condition.get("status") == "True":
             return Disruption(
-                condition.get("reason") or "",
-                condition.get("message") or "",
+                _text(condition.get("reason")),
+                _text(condition.get("message")),
                 readings.moment(condition.get("lastTransitionTime")),
             )
     return None
@@ -144,11 +158,11 @@ def _container(status: Json) -> ContainerView:
     last = (status.get("lastState") or {}).get("terminated") or {}
     return ContainerView(
         name=status["name"],
-        image=status.get("image") or "",
+        image=_text(status.get("image"), _LONGEST_IMAGE),
         running="running" in state,
-        waiting_reason=(waiting or {}).get("reason") or "",
+        waiting_reason=_text((waiting or {}).get("reason")),
         exit_code=ended.get("exitCode") if ended else None,
-        reason=(ended or last).get("reason") or "",
-        message=(waiting or ended or {}).get("message") or "",
+        reason=_text((ended or last).get("reason")),
+        message=_text((waiting or ended or {}).get("message")),
         ended_at=readings.moment((ended or last).get("finishedAt")),
     )

@@ -80,8 +80,9 @@ class View:
         """
         job = self._jobs.get(job_uid)
         pods = self._pods.within(job.namespace, job_uid) if job else self._pods.of(job_uid)
-        found = [pods[key] for key in sorted(pods)]
-        own = [pod for pod in found if job is None or _is_of(job, pod)]
+        # Before they are sorted: who may make pods beside the job may make thousands with its UID.
+        found = [key for key, pod in pods.items() if job is None or _is_of(job, pod)]
+        own = [pods[key] for key in sorted(found)]
         if job_uid in self._guests:
             own = [pod for pod in own if self.user_of(job_uid, pod.attempt) == job_uid]
         return (*own, *self._taken_over(job))
@@ -92,11 +93,8 @@ class View:
         if job is None or claim is None or self.user_of(claim.uid, claim.attempt) != job.uid:
             return []
         pods = self._pods.within(job.namespace, claim.uid)
-        return [
-            _as_of(job, pods[key])
-            for key in sorted(pods)
-            if _is_lent(claim, job.namespace, pods[key])
-        ]
+        lent = sorted(key for key, pod in pods.items() if _is_lent(claim, job.namespace, pod))
+        return [_as_of(job, pods[key]) for key in lent]
 
     def user_of(self, job_uid: str, attempt: int) -> str:
         """Whose the pods are that were made for a job's attempt: its own, or of the last guest."""

@@ -31,8 +31,6 @@ LOOK_EVERY_SECONDS = 4.0
 # A visit has 60 s for all it does, and anybody may write hundreds of Events about each claim.
 MOST_SECONDS = 15.0
 MOST_PODS = 3
-# Of a pod that names thousands; an executor of Bagpipe's has a handful.
-MOST_CLAIMS = 20
 # Spark needs some seconds from the first case planned to the first executor asked for.
 EXECUTORS_AFTER_SECONDS = 4.0
 
@@ -103,9 +101,7 @@ class Lookout:
             if pending.awaits_its_node(pod):
                 found = pending.of_events(pod, await self.api.events_of(pod.namespace, pod.uid))
                 return [found] if found else []
-            return [
-                t for claim in pod.claims[:MOST_CLAIMS] if (t := await self._of_claim(pod, claim))
-            ]
+            return [t for claim in pod.claims if (t := await self._of_claim(pod, claim))]
         except ApiError as error:
             logger.warning("%s/%s: not looked into: %s", pod.namespace, pod.name, error)
             return []
