@@ -385,11 +385,13 @@ def test_lines_of_an_earlier_run_are_not_those_of_the_next(tmp_path: Path, resum
 
 # A run whose driver is past its keeper: SIGTERM changes nothing until it has committed.
 HOLDER = textwrap.dedent("""
-    import sys
+    import json, sys
     from pathlib import Path
     from bagpipe.cli import driver_process
     from bagpipe.cli.run_folder import run_folder
+    from bagpipe.driver.results import MANIFEST_SCHEMA
     folder = Path(sys.argv[1])
+    manifest = json.dumps({"schema": MANIFEST_SCHEMA})
     program = ("import signal, sys, time, pathlib\\n"
                "from bagpipe.driver.streams import awaited, own_stdout\\n"
                "signal.signal(signal.SIGTERM, lambda *_: None)\\n"
@@ -398,7 +400,9 @@ HOLDER = textwrap.dedent("""
                "print('commits', file=out, flush=True)\\n"
                "while not (folder / 'go').exists():\\n"
                "    time.sleep(0.05)\\n"
-               "(folder / 'manifest.json').touch()\\n")
+               "part = folder / 'manifest.part'\\n"
+               f"part.write_text({manifest!r})\\n"
+               "part.rename(folder / 'manifest.json')\\n")
     driver_process._PROGRAM = [sys.executable, "-c", program]
     with run_folder(folder, {}):
         with driver_process.driver([str(folder)], folder / "driver.log", 60) as process:
