@@ -3,6 +3,7 @@
 can't be made to show on demand. What it sends is a script; what it received is kept.
 """
 
+import contextlib
 import os
 import select
 import threading
@@ -114,8 +115,12 @@ class FakeAgent:
         self.vanish()
 
     def _rest(self) -> bytes:
-        self._await_bytes()
-        return os.read(self._incoming, 65536)
+        """What comes next; nothing at the end of a worker's."""
+        while True:
+            self._await_bytes()
+            # The end of one worker was seen, and the next one has come since without a byte yet.
+            with contextlib.suppress(BlockingIOError):
+                return os.read(self._incoming, 65536)
 
     def _fresh(self) -> int:
         return os.open(self._folder / "to-agent", os.O_RDONLY | os.O_NONBLOCK)
@@ -142,8 +147,7 @@ class FakeAgent:
         """Read frames up to one of a kind, past what an earlier worker may have left behind."""
         decoder, before = Decoder(), b""
         while all(frame.type != kind for frame in self.received):
-            self._await_bytes()
-            data = os.read(self._incoming, 65536)
+            data = self._rest()
             if data and not self.received:
                 before += data
                 hello = before.rfind(HELLO)
