@@ -163,3 +163,33 @@ def test_a_node_that_nobody_counts_proves_nothing(
     row = run(spec(wheels.environment(ros2), MAX, command), folders, start_agent())
     assert (row["outcome"], row["reason"]) == ("invalid", "DeliveryUnproved"), row
     assert "what /answering got on /in is proved no further than `sent`" in row["message"]
+
+
+OTHERS = Path(__file__).parent / "nodes"
+
+
+@pytest.mark.parametrize(
+    ("distribution", "playback", "wanted"),
+    [
+        ("jazzy", MAX, ("passed", "")),
+        # Where it is not known that more than 32 places can be looked at, none are.
+        ("humble", MAX | {"subscribeTimeout": "5s"}, ("errored", "NeverSubscribed")),
+    ],
+)
+def test_nodes_meet_behind_the_places_at_which_ros_2_looks_by_itself(
+    distribution: str,
+    playback: dict[str, Any],
+    wanted: tuple[str, str],
+    folders: dict[str, str],
+    ros2: Path,
+    start_agent: Callable[..., RunningAgent],
+) -> None:
+    python, crowd = wheels.python(ros2), str(OTHERS / "crowded_domain.py")
+    first = [python, str(OTHERS / "passing_on.py")]
+    # The first sends as fast as it takes.
+    second = answering(ros2, "-r", "in:=between", "-p", f"depth:={MESSAGES}")
+    both = " ".join(first) + " & exec " + " ".join(second)
+    setup = wheels.environment_for_all(ros2) | {"ROS_DISTRO": distribution}
+    job = spec(setup, playback, [python, crowd, "bash", "-c", both], evaluate=ALL)
+    row = run(job, folders, start_agent())
+    assert (row["outcome"], row["reason"]) == wanted, row

@@ -34,6 +34,7 @@ def environment(folder: Path) -> dict[str, str]:
     return {
         "LD_LIBRARY_PATH": str(folder / "lib"),
         "AMENT_PREFIX_PATH": str(folder),
+        "ROS_DISTRO": "jazzy",
         "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp",
     }
 

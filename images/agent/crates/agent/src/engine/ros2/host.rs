@@ -18,8 +18,9 @@ use crate::case::failure::Failure;
 use crate::case::{self, Case};
 use crate::engine::nodes::host::{ChosenPlayer, Ending, Host, Occasion, PlayerName};
 use crate::engine::ros2::domain::{DOMAINS, Domain, cyclone};
+use crate::engine::ros2::fastdds::Places;
 use crate::engine::ros2::files::Files;
-use crate::engine::ros2::players::{Players, Wanted};
+use crate::engine::ros2::players::{Players, Setting, Wanted};
 use crate::engine::ros2::{environment, parameters, roll, zenoh};
 use crate::engine::task::Task;
 use crate::stack::Variables;
@@ -33,6 +34,7 @@ pub struct Ros2Host<'a> {
     files: Files,
     ledger: Arc<Ledger>,
     domain: Domain,
+    places: Option<Places>,
     /// Where ROS may write.
     folder: PathBuf,
     players: RefCell<Option<Players>>,
@@ -43,11 +45,18 @@ impl<'a> Ros2Host<'a> {
         let ledger = Ledger::new().map_err(|error| Failure::new("Internal", error.to_string()))?;
         // Before the first node is there: one that sleeps already could not notice.
         ledger.watch_matches(true);
+        let files = Files::put(task.folder)?;
+        let domain = Domain::hold(task.port)?;
+        let places = Places::write(domain.number, folder, |name| theirs(task.case, name));
+        let places = places.map_err(|error| {
+            Failure::new("Internal", format!("cannot write into {}: {error}", folder.display()))
+        })?;
         Ok(Self {
             case: task.case,
-            files: Files::put(task.folder)?,
+            files,
             ledger: Arc::new(ledger),
-            domain: Domain::hold(task.port)?,
+            domain,
+            places,
             folder: folder.to_owned(),
             players: RefCell::default(),
         })
@@ -66,10 +75,8 @@ impl<'a> Ros2Host<'a> {
         job.chain(own).collect()
     }
 
-    /// A variable of the job, or else of the container.
     fn theirs(&self, name: &str) -> Option<OsString> {
-        let own = self.case.stack.environment.get(name).map(OsString::from);
-        own.or_else(|| std::env::var_os(name))
+        theirs(self.case, name)
     }
 
     /// The quality of service by the names that topics are played under.
@@ -91,6 +98,12 @@ impl<'a> Ros2Host<'a> {
         }
         by_name
     }
+}
+
+/// A variable of the job, or else of the container.
+fn theirs(case: &Case, name: &str) -> Option<OsString> {
+    let own = case.stack.environment.get(name).map(OsString::from);
+    own.or_else(|| std::env::var_os(name))
 }
 
 fn wanted(qos: &case::Qos) -> QosOverride {
@@ -141,6 +154,7 @@ impl Host for Ros2Host<'_> {
             ("BAGPIPE_PARAMETERS", self.parameter_file().into()),
         ];
         set.extend(zenoh::variables(self.domain.number, |name| self.theirs(name)));
+        set.extend(self.places.iter().flat_map(Places::variables));
         let preload = preload.as_deref().map(OsStr::new);
         set.extend(self.ledger.environment(&self.files.library, preload));
         Variables { set, removed: &[] }
@@ -173,7 +187,11 @@ impl Host for Ros2Host<'_> {
             Arc::clone(&self.ledger),
             self.files.clone(),
             wanted,
-            (self.own_variables(), self.folder.clone()),
+            Setting {
+                variables: self.own_variables(),
+                folder: self.folder.clone(),
+                places: self.places.clone(),
+            },
         );
         let ros2 = players.choose(self.case.stack.player, occasion);
         if let Some(chosen) = players.chosen() {

@@ -4,6 +4,7 @@
 mod domain;
 pub(crate) mod entry;
 mod environment;
+mod fastdds;
 mod files;
 pub(crate) mod host;
 mod parameters;

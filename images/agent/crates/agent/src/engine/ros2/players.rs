@@ -14,6 +14,7 @@ use crate::case::Player;
 use crate::case::failure::Failure;
 use crate::engine::nodes::host::{ChosenPlayer, Occasion, PlayerName};
 use crate::engine::ros2::environment::{First, Variables, await_first, prefixes};
+use crate::engine::ros2::fastdds::Places;
 use crate::engine::ros2::files::Files;
 use crate::engine::ros2::transports::with_transports;
 
@@ -32,15 +33,21 @@ pub struct Wanted {
     pub flow_control: bool,
 }
 
+/// What a player is started in.
+pub struct Setting {
+    /// Of a player that no node gives any.
+    pub variables: Variables,
+    /// Where what a player reads is written.
+    pub folder: PathBuf,
+    pub places: Option<Places>,
+}
+
 /// What starts players.
 pub struct Players {
     ledger: Arc<Ledger>,
     files: Files,
     wanted: Wanted,
-    /// Of a player that no node gives any.
-    variables: Variables,
-    /// Where what a player reads is written.
-    folder: PathBuf,
+    setting: Setting,
     pids: Vec<u32>,
     /// One on DDS that looks for who uses no ROS 2 that can be seen from outside; when it last did.
     scout: Option<Ros2>,
@@ -49,18 +56,12 @@ pub struct Players {
 }
 
 impl Players {
-    pub fn new(
-        ledger: Arc<Ledger>,
-        files: Files,
-        wanted: Wanted,
-        (variables, folder): (Variables, PathBuf),
-    ) -> Players {
+    pub fn new(ledger: Arc<Ledger>, files: Files, wanted: Wanted, setting: Setting) -> Players {
         Players {
             ledger,
             files,
             wanted,
-            variables,
-            folder,
+            setting,
             pids: Vec::new(),
             scout: None,
             looked: None,
@@ -84,13 +85,13 @@ impl Players {
             Player::Rcl => {
                 let variables = match await_first(&self.ledger, occasion, &mut || false)? {
                     First::Node(variables) => variables,
-                    First::Stranger | First::Nobody => self.variables.clone(),
+                    First::Stranger | First::Nobody => self.setting.variables.clone(),
                 };
                 let started = self.by_rcl(variables)?;
                 self.settle(PlayerName::Rcl, BY_JOB.to_owned(), started)
             }
             Player::Dds => {
-                let started = self.on_dds(self.variables.clone())?;
+                let started = self.on_dds(self.setting.variables.clone())?;
                 self.settle(PlayerName::Dds, BY_JOB.to_owned(), started)
             }
         }
@@ -103,8 +104,8 @@ impl Players {
         let first = await_first(&ledger, occasion, &mut || self.sees_others())?;
         let (variables, somebody) = match first {
             First::Node(variables) => (variables, true),
-            First::Stranger => (self.variables.clone(), true),
-            First::Nobody => (self.variables.clone(), false),
+            First::Stranger => (self.setting.variables.clone(), true),
+            First::Nobody => (self.setting.variables.clone(), false),
         };
         let scout = self.scout.take();
         match self.by_rcl(variables.clone())? {
@@ -126,16 +127,16 @@ impl Players {
             return false;
         }
         if self.looked.replace(Instant::now()).is_none() {
-            let started = self.on_dds(self.variables.clone());
+            let started = self.on_dds(self.setting.variables.clone());
             self.scout = started.ok().and_then(Result::ok);
         }
         self.scout.as_ref().is_some_and(|scout| scout.sees_others().unwrap_or(false))
     }
 
     fn by_rcl(&mut self, variables: Variables) -> Result<Result<Ros2, PlayerError>, Failure> {
-        let variables = with_transports(variables, &self.folder).map_err(|error| {
-            let folder = self.folder.display();
-            Failure::new("Internal", format!("cannot write into {folder}: {error}"))
+        let Setting { folder, places, .. } = &self.setting;
+        let variables = with_transports(variables, folder, places.as_ref()).map_err(|error| {
+            Failure::new("Internal", format!("cannot write into {}: {error}", folder.display()))
         })?;
         Ok(self.start(self.files.program.clone(), variables))
     }
