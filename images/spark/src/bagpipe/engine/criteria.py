@@ -45,6 +45,7 @@ def judged_by_criteria(
         paced=spec.playback.mode != "max",
         rate=spec.playback.rate if spec.playback.mode == "realtime" else 1.0,
         inputs=attempt.source.input_times(case, storage),
+        input_stamps=attempt.source.input_stamps(case, storage),
     )
     findings = evaluate(spec.evaluate, evidence, unread=(StorageError,))
     outcome, reason, message = verdict(findings)

@@ -2,13 +2,14 @@
 
 import itertools
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from operator import itemgetter
 
 from bagpipe.evaluate.evidence import Evidence, Received
 from bagpipe.evaluate.finding import Clock, Finding, NoEvidenceError, covering
+from bagpipe.evaluate.lacking import lacking
 from bagpipe.evaluate.limits import bounded
 from bagpipe.evaluate.model import Latency, Presence, Rate
 from bagpipe.evaluate.window import (
@@ -45,7 +46,7 @@ def presence(name: str, wanted: Presence, evidence: Evidence) -> Finding:
     late = len(least) - len(found.answers)
     share = 1.0 if not least else len(found.answers) / len(least)
     covered = f"the whole window, and {late} of {len(least)} messages after its end"
-    return covering(
+    finding = covering(
         _with_limits(finding, wanted),
         share,
         covered if late else "the whole window",
@@ -54,6 +55,7 @@ def presence(name: str, wanted: Presence, evidence: Evidence) -> Finding:
         lasting=True,
         remedy="play slower, let the stack stamp its answers, or lower minCoverage",
     )
+    return _by_inputs(finding, found, least, lambda number: number >= wanted.min, evidence)
 
 
 def counted_by_presence(wanted: Presence, evidence: Evidence) -> list[Received]:
@@ -109,9 +111,26 @@ def rate(name: str, wanted: Rate, evidence: Evidence) -> Finding:
         finding = _in_doubt(finding, found)
     usual = (evidence.end - evidence.start) / max(1, len(own))
     share, covered = coming_over(found, evidence, wanted.min_coverage, usual)
-    return covering(
+    finding = covering(
         finding, share, covered, found.clock, wanted.min_coverage, lasting=True, remedy=_REMEDY
     )
+    least = wanted.min or 0
+    return _by_inputs(
+        finding, found, counted, lambda number: _hertz(number, evidence) >= least, evidence
+    )
+
+
+def _by_inputs(
+    finding: Finding,
+    found: TopicMessages,
+    counted: Sequence[Received],
+    enough: Callable[[int], bool],
+    evidence: Evidence,
+) -> Finding:
+    """The finding; invalid where it passed by what answers the lead-in."""
+    if finding.outcome != "passed" or not (lack := lacking(found, counted, enough, evidence)):
+        return finding
+    return replace(finding, outcome="invalid", message=f"{lack}; {finding.message}")
 
 
 def _in_doubt(finding: Finding, found: TopicMessages) -> Finding:

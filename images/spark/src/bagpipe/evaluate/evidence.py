@@ -7,7 +7,7 @@ import bisect
 import itertools
 import math
 import statistics
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Generic, NamedTuple, TypeVar
@@ -26,6 +26,8 @@ _LEAST_GAP, _GAP_STEPS = 500_000_000, 10
 # the least gap is the same.
 _TOGETHER = _LEAST_GAP // _GAP_STEPS
 Bytes = Callable[[], bytes]
+# From one time to another in ns (start <= t < end): by topic of each input's time and stamp.
+InputStamps = Callable[[int, int], Mapping[str, list[tuple[int, int]]]]
 Made = TypeVar("Made")
 
 
@@ -191,7 +193,8 @@ class Evidence:
     `lead_in_start` where the play began (None: with the window). With `paced` false bag time
     runs ahead of the stack (playback.mode: max), and the time of a receipt says little. `rate` is
     how many seconds of bag time were played in one of real time. `inputs` says when inputs were
-    recorded, ascending, and is asked only in doubt (None: all the time).
+    recorded, ascending, and is asked only in doubt (None: all the time); so is `input_stamps`,
+    which has topics with a header alone, and none where that would be costly (None: not known).
     """
 
     recorded: Recording
@@ -204,6 +207,7 @@ class Evidence:
     paced: bool = True
     rate: float = 1.0
     inputs: Callable[[], list[int]] | None = None
+    input_stamps: InputStamps | None = None
     _measured: dict[int, tuple[object, Any]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )

@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import bagpipe
 from bagpipe.encodings import ROS1
@@ -22,6 +22,9 @@ from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
 from bagpipe.wire.hello_case import HelloSimulator
 from bagpipe.wire.session import InputFile, Partner
+
+if TYPE_CHECKING:
+    from bagpipe.evaluate.evidence import InputStamps
 
 # Of a case's input, in memory and uncompressed.
 _MOST_BYTES = 1 << 30
@@ -64,6 +67,14 @@ class JobSource(ABC):
 
         None where no time is without an input. The call raises StorageError and BagError.
         """
+
+    def input_stamps(self, _case: Case, _storage: Storage, /) -> "InputStamps | None":
+        """When inputs of a part of the case were recorded, and the stamps of their headers.
+
+        None where no few reads show them. The call raises StorageError alone, and answers with
+        nothing for a recording that it can't read.
+        """
+        return None
 
     @abstractmethod
     def truth(self, case: Case, topics: set[str], storage: Storage, /) -> bytes:

@@ -2,7 +2,9 @@
 
 import posixpath
 from collections.abc import Callable
+from functools import cache, partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from bagpipe.engine_fields import fields_of
 from bagpipe.plan.bag_tail import read_tail
@@ -26,6 +28,9 @@ from bagpipe.source.source import JobSource
 from bagpipe.source_spec import Source
 from bagpipe.storage import Storage
 from bagpipe.wire.session import InputFile
+
+if TYPE_CHECKING:
+    from bagpipe.evaluate.evidence import InputStamps
 
 
 class Bags(JobSource):
@@ -65,6 +70,12 @@ class Bags(JobSource):
             return times_in(recording.tail, topics, window.start, window.end, recording.times)
 
         return read
+
+    def input_stamps(self, case: Case, storage: Storage) -> "InputStamps":
+        """Read from the chunks of that time, where these are few."""
+        from bagpipe.source.bags.input_stamps import stamps_in  # noqa: PLC0415
+
+        return cache(partial(stamps_in, case, self.spec.source.topics, storage))
 
     def truth(self, case: Case, topics: set[str], storage: Storage) -> bytes:
         """The chunks that hold one of the topics in the window."""
