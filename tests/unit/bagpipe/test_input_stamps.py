@@ -251,7 +251,8 @@ def test_definitions_of_what_was_not_played_then_are_not_read(
     topics: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One of hostile text takes seconds."""
-    entries = [*drive(), ("/once", 39 * SECOND, number(1.0))]
+    text = STORE.types["std_msgs/msg/String"]("x")
+    entries = [*drive(), ("/once", 39 * SECOND, text)]
     path = write(tmp_path / "a.mcap", sorted(entries, key=lambda each: each[1]))
     read: list[str] = []
 
@@ -288,19 +289,21 @@ def test_the_bounds_are_of_all_files_of_a_folder(
         monkeypatch.setattr(input_stamps, bound, before)
 
 
-def two_files(tmp_path: Path) -> tuple["Lab", Case]:
-    """A folder of two files of MCAP, of which each has the camera's inputs of one second."""
+def two_files(tmp_path: Path, form: Form = Form("mcap")) -> tuple["Lab", Case]:  # noqa: B008
+    """A folder of two files that have the camera's inputs, and a case of both."""
     entries = [each for each in drive() if each[0] == "/camera"]
     halves = [entries[:100], entries[100:]]
     kind = "geometry_msgs/msg/PoseStamped"
     files = [[Message(t, at, bytes(40), type=kind) for t, at, _ in half] for half in halves]
-    folder(tmp_path / "drive", Form("mcap"), files)
-    for n, half in enumerate(halves):
-        write(tmp_path / "drive" / f"drive_{n}.mcap", half)
+    assert folder(tmp_path / "drive", form, files).exists()
+    if form == Form("mcap"):
+        for n, half in enumerate(halves):
+            write(tmp_path / "drive" / f"drive_{n}.mcap", half)
     lab = Lab(tmp_path / "drive.mcap", ["/camera"])
     source = lab.spec.source.model_copy(update={"bags": ["pvc://recordings/drive"]})
     spec = lab.spec.model_copy(update={"source": source})
-    return lab, next(each for each in plan(spec, lab.storage).cases if len(each.parts) == 2)
+    (case,) = (each for each in plan(spec, lab.storage).cases if len(each.parts) == 2)
+    return lab, case
 
 
 def test_a_topic_that_is_recorded_without_its_slash_is_known_by_the_graph_s_name(
@@ -368,20 +371,7 @@ def test_where_no_one_counts_the_messages_of_channels_nothing_is_known(tmp_path:
 def test_of_a_folder_s_files_each_is_read_where_its_chunks_can_be(
     form: Form, tmp_path: Path
 ) -> None:
-    entries = [each for each in drive() if each[0] == "/camera"]
-    halves = [entries[:100], entries[100:]]
-    kind = "geometry_msgs/msg/PoseStamped"
-    files = [[Message(t, at, bytes(40), type=kind) for t, at, _ in half] for half in halves]
-    metadata = folder(tmp_path / "drive", form, files)
-    if form.mode == "" and form.storage == "mcap":
-        for n, half in enumerate(halves):
-            write(tmp_path / "drive" / f"drive_{n}.mcap", half)
-    lab = Lab(tmp_path / "drive.mcap", ["/camera"])
-    spec = lab.spec.model_copy(
-        update={"source": lab.spec.source.model_copy(update={"bags": ["pvc://recordings/drive"]})}
-    )
-    assert metadata.exists()
-    (case,) = (each for each in plan(spec, lab.storage).cases if len(each.parts) == 2)
+    lab, case = two_files(tmp_path, form)
     begin, end = 19 * SECOND, 21 * SECOND
     found = stamps_in(case, ["/camera"], lab.storage, begin, end)
     known = form == Form("mcap")

@@ -72,7 +72,7 @@ class Received(NamedTuple):
         return self.stamp, hash(bytes(self.raw[:before])), hash(bytes(self.raw[behind:]))
 
 
-class _ForTypes(Generic[Made]):
+class ForTypes(Generic[Made]):
     """What is made once for each type, however many connections a recording has of it."""
 
     def __init__(self, make: Callable[[Any], Made]) -> None:
@@ -104,8 +104,8 @@ class Recording:
         self._end = end
         self._samples: dict[str, list[Sample]] = {}
         self._received: dict[str, list[Received]] = {}
-        self._stamp_readers = _ForTypes(stamp_reader)
-        self._decoders = _ForTypes(decoder)
+        self._stamp_readers = ForTypes(stamp_reader)
+        self._decoders = ForTypes(decoder)
 
     @cached_property
     def _opened(self) -> "bagpipe.MemoryBag | bagpipe.MemoryMcap":

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from bagpipe.evaluate.decoding import stamp_reader
+from bagpipe.evaluate.evidence import ForTypes
 from bagpipe.plan.bag_tail import Chunk, read_tail
 from bagpipe.plan.case import Case
 from bagpipe.plan.fragments import near
@@ -144,15 +145,16 @@ class _File:
 
 def _readers(connections: list[Any]) -> dict[int, StampReader]:
     """By connection, of the topics of which each publisher's messages have a header."""
-    made: dict[tuple[str, str, str, str], StampReader | None] = {}
-    found: dict[int, StampReader | None] = {}
-    for each in connections:
-        kind = (each.type, each.definition, each.schema_encoding, each.encoding)
-        if kind not in made:
-            made[kind] = None if len(each.definition) > _MOST_CHARACTERS else stamp_reader(each)
-            if sum(len(definition) for _, definition, _, _ in made) > _MOST_OF_ALL:
-                raise _UnknownError
-        found[each.id] = made[kind]
+    kinds = {
+        (each.definition, each.type, each.schema_encoding, each.encoding) for each in connections
+    }
+    if sum(len(definition) for definition, *_ in kinds) > _MOST_OF_ALL:
+        raise _UnknownError
+    readers = ForTypes(stamp_reader)
+    found = {
+        each.id: None if len(each.definition) > _MOST_CHARACTERS else readers.of(each)
+        for each in connections
+    }
     without = {resolve(each.topic) for each in connections if found[each.id] is None}
     return {
         each.id: reader
