@@ -28,8 +28,9 @@ def test_a_trouble_lasts_unless_it_is_marked_as_passing() -> None:
         ("No!", "No!"),
         ("", ""),
         (" \n ", ""),
-        ("x" * 501, "x" * 500 + "."),
-        ("x" * 499 + " y", "x" * 499 + "."),
+        ("x" * 500, "x" * 500 + "."),
+        ("x" * 501, "x" * 498 + " …"),
+        ("x" * 497 + " yyy", "x" * 497 + " …"),
     ],
 )
 def test_somebody_s_words_become_one_sentence_of_bounded_length(words: str, reported: str) -> None:

@@ -7,7 +7,12 @@ _LONGEST_PLACE, _LONGEST_FAULT = 256, 1024
 
 
 def sentence(place: Iterable[str | int], fault: str) -> str:
-    """`spec.field: what is wrong with it`, of a place below spec; each part is cut to a bound."""
+    """`spec.field: what is wrong with it`, of a place below spec: one line of bounded parts."""
     where = ".".join(["spec", *map(str, place)])
     what = fault.removeprefix("Value error, ")
-    return f"{where[:_LONGEST_PLACE]}: {what[:_LONGEST_FAULT]}"
+    return f"{_bounded(where, _LONGEST_PLACE)}: {_bounded(what, _LONGEST_FAULT)}"
+
+
+def _bounded(text: str, longest: int) -> str:
+    line = " ".join(text.split())
+    return line if len(line) <= longest else line[: longest - 2].rstrip() + " …"

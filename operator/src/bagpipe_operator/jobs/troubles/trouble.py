@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass, replace
 
+_LONGEST = 500
+
 
 @dataclass(frozen=True)
 class Trouble:
@@ -24,6 +26,8 @@ class Trouble:
 
 
 def sentence(text: str) -> str:
-    """Somebody else's words as one line that ends as a sentence."""
-    line = " ".join(text.split())[:500].rstrip()
+    """Somebody else's words as one line of up to 500 characters that ends as a sentence."""
+    line = " ".join(text.split())
+    if len(line) > _LONGEST:
+        return line[: _LONGEST - 2].rstrip() + " …"
     return line if not line or line.endswith((".", "!", "?")) else line + "."
