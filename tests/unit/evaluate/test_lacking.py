@@ -127,6 +127,8 @@ TENTH = SECOND // 10
 CAMERA = [(time, time - LATE) for time in range(BEGIN, END, TENTH)]
 # Who dies 0.3 s before the last input has as many answers as that.
 DIES = [(time, time) for time in range(BEGIN, END, TENTH)]
+# Inputs that no answer has the stamp of.
+NOBODYS = [(time, stamp + 2) for time, stamp in DIES]
 EXACT = {"topic": "/p", "min": 100}
 
 
@@ -243,6 +245,63 @@ def test_three_quarters_of_the_answers_have_to_have_them(share: int, outcome: st
     assert judged("presence", EXACT, given(answered, {"/camera": DIES})).outcome == outcome
 
 
+@pytest.mark.parametrize("ahead", [SECOND, 20 * SECOND])
+def test_one_input_that_is_stamped_in_the_future_hides_none_that_lacks(ahead: int) -> None:
+    glitch = START + 5 * TENTH
+    inputs = [(at, stamp + ahead * (at == glitch)) for at, stamp in DIES]
+    answered = [each for each in DIES[:-3] if each[0] != glitch]
+    found = judged("presence", EXACT | {"min": 99}, given(answered, {"/camera": inputs}))
+    assert (found.outcome, found.figure) == ("invalid", 99.0)
+
+
+def test_who_answers_two_cameras_in_turn_lacks_by_both_together() -> None:
+    def right(left: list[tuple[int, int]]) -> list[tuple[int, int]]:
+        return [(at + TENTH // 2, stamp + TENTH // 2) for at, stamp in left]
+
+    inputs = {"/left": DIES, "/right": right(DIES)}
+    wanted = EXACT | {"min": 200}
+    found = judged("presence", wanted, given(sorted(DIES[:-3] + right(DIES[:-3])), inputs))
+    assert (found.outcome, found.figure) == ("invalid", 200.0)
+    assert "the inputs on /left and /right no more than 194 of 200 messages" in found.message
+    # Those that are recorded late have as many that are stamped before the window.
+    late = {"/left": CAMERA, "/right": right(CAMERA)}
+    honest = given(sorted(CAMERA + right(CAMERA)), late, takes=TENTH // 4)
+    assert judged("presence", wanted, honest).outcome == "passed"
+    # With a third of answers to nothing that is known, it is not known what they follow.
+    third = [(at + TENTH // 4, stamp + TENTH // 4) for at, stamp in DIES[:-3]]
+    mixed = given(sorted(DIES[:-3] + right(DIES[:-3]) + third), inputs)
+    assert judged("presence", EXACT | {"min": 300}, mixed).outcome == "passed"
+    # Nor with others from then on where one of the cameras stops.
+    stops = START + 4 * TENTH
+    fewer = inputs | {"/left": [each for each in DIES if each[0] <= stops]}
+    both = sorted(DIES[:-3] + right(DIES[:-3]))
+    others = [(at, stamp + (stamp > stops + TENTH)) for at, stamp in both]
+    assert judged("presence", wanted, given(others, fewer)).outcome == "passed"
+    assert judged("presence", wanted, given(both, fewer)).outcome == "invalid"
+
+
+def test_just_three_quarters_are_enough() -> None:
+    """Nine of the twelve up to the last input that is looked at, which is the ninth."""
+    inputs = {"/camera": [each for each in DIES if each[0] < START + 9 * TENTH], "/imu": NOBODYS}
+    answered = [(time, stamp + (START <= stamp < START + 3 * TENTH)) for time, stamp in DIES[:-3]]
+    assert judged("presence", EXACT, given(answered, inputs)).outcome == "invalid"
+
+
+def test_one_answer_is_enough_to_know_what_it_follows() -> None:
+    last = START - 3 * TENTH
+    inputs = {"/camera": [(at, at) for at in range(BEGIN, last + 1, TENTH)], "/imu": NOBODYS}
+    found = judged("presence", EXACT, given(DIES[:-3], inputs))
+    assert found.message.startswith("by the stamps of the inputs on /camera no more than 99 of 100")
+
+
+def test_a_topic_of_whose_time_no_answer_is_was_not_followed() -> None:
+    """Its last input is stamped before any that may be the window's."""
+    old = START - 8 * TENTH
+    inputs = {"/camera": DIES, "/map": [(old, old)]}
+    found = judged("presence", EXACT, given(DIES[:-3], inputs, takes=9 * TENTH))
+    assert found.message.startswith("by the stamps of the inputs on /camera no more than")
+
+
 def test_a_stamp_that_both_sides_have_may_be_the_windows() -> None:
     """The driver stamps two pictures alike, one of them in the lead-in."""
     again = [(START + TENTH // 3 * n, START - n * TENTH) for n in (1, 2, 3)]
@@ -260,7 +319,7 @@ def test_what_is_stamped_long_before_it_is_recorded_leaves_it_open() -> None:
 def test_inputs_that_overtake_others_are_where_they_were_recorded() -> None:
     """One that is stamped sooner than any that is let in was recorded in the window."""
     sooner = START - LATE - TENTH
-    swapped = [(START + 1, sooner) if each == (sooner, sooner) else each for each in DIES]
+    swapped = [(START, sooner) if each == (sooner, sooner) else each for each in DIES]
     answered = sorted(swapped)[:-3]
     found = judged("presence", EXACT | {"min": 98}, given(answered, {"/camera": swapped}))
     assert found.outcome == "passed"

@@ -12,6 +12,7 @@ from rosbags.typesys import Stores, get_typestore
 from bagpipe.definitions import HEADER, OLD_HEADER, full_name, types_in
 from bagpipe.encodings import CDR, ROS1
 from bagpipe.evaluate.finding import NoEvidenceError
+from bagpipe.first_field import begins_with_header
 
 _TIME = "builtin_interfaces/msg/Time"
 # Of a message that begins with a header: behind a sequence number in ROS 1, in ROS 2 behind the
@@ -64,10 +65,19 @@ def stamp_reader(connection: Any) -> Callable[[memoryview], int | None] | None:
     except Exception:  # noqa: BLE001  a definition of any text
         return None
     if fields and fields[0][1] in _HEADERS:
-        return {ROS1: _stamp_of_ros1, CDR: _stamp_of_cdr}.get(connection.encoding)
+        return _FIRST_STAMPS.get(connection.encoding)
     if any(name == "header" and kind in _HEADERS for name, kind in fields):
         return _decoded_stamp(connection)
     return None
+
+
+def first_stamp_reader(connection: Any) -> Callable[[memoryview], int | None] | None:
+    """The same, of types that begin with a header and are not in IDL: it costs little, whatever
+    text the definition is.
+    """
+    if not begins_with_header(connection.definition, connection.schema_encoding):
+        return None
+    return _FIRST_STAMPS.get(connection.encoding)
 
 
 def sequence_at(connection: Any) -> int | None:
@@ -188,3 +198,6 @@ def _stamp_of_cdr(raw: memoryview) -> int | None:
         return None
     seconds, rest = _STAMPS[raw[1]].unpack_from(raw, _STAMP_AT)
     return int(seconds) * _SECOND + int(rest)
+
+
+_FIRST_STAMPS = {ROS1: _stamp_of_ros1, CDR: _stamp_of_cdr}

@@ -7,7 +7,7 @@ import logging
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from bagpipe.evaluate.decoding import stamp_reader
+from bagpipe.evaluate.decoding import first_stamp_reader
 from bagpipe.evaluate.evidence import ForTypes
 from bagpipe.plan.bag_tail import Chunk, read_tail
 from bagpipe.plan.case import Case
@@ -24,11 +24,10 @@ _MOST_CHUNKS = 256
 # Each brings 4 MiB at most, and object storage answers it within some 20 ms.
 _MOST_REQUESTS = 30
 _MOST_INPUTS = 200_000
-# Of what is declared before all chunks, which is parsed with each of them.
+# Of what is declared before all chunks, which is read with each of them.
 _MOST_HEAD_BYTES, _MOST_CONNECTIONS = 4 << 20, 2_000
-# rosbags takes a quarter of a second for a definition of so many empty lines, and four times as
-# long for twice as many.
-_MOST_CHARACTERS, _MOST_OF_ALL = 16_384, 16 * 16_384
+# The end of each takes half a dozen reads.
+_MOST_FILES = 64
 
 log = logging.getLogger(__name__)
 
@@ -41,8 +40,8 @@ class _UnknownError(Exception):
 
 
 def stamps_in(case: Case, topics: list[str], storage: Storage, begin: int, end: int) -> Stamps:
-    """Of each topic with a header (`topics`: none is all), the (time, stamp) in ns of the inputs
-    that were played with begin <= time < end.
+    """Of each topic whose messages begin with a header (`topics`: none is all), the (time, stamp)
+    in ns of the inputs that were played with begin <= time < end; of others nothing.
 
     Nothing where the recording is damaged, has no chunks that can be read alone, or too many of
     them in that time. Raises StorageError.
@@ -51,11 +50,10 @@ def stamps_in(case: Case, topics: list[str], storage: Storage, begin: int, end: 
     named = [(part.bag, part.version) for part in case.parts] or [(case.bag, case.bag_version)]
     found: Stamps = {}
     try:
+        if len(named) > _MOST_FILES:
+            raise _UnknownError
         files = [_File(storage.open(*each), topics, begin, end) for each in named]
-        if sum(file.requests for file in files) > _MOST_REQUESTS:
-            raise _UnknownError
-        if sum(file.inputs for file in files) > _MOST_INPUTS:
-            raise _UnknownError
+        _check(files)
         count = 0
         for file in files:
             for topic, time, stamp in file.stamps(begin, end):
@@ -71,6 +69,17 @@ def stamps_in(case: Case, topics: list[str], storage: Storage, begin: int, end: 
     return found
 
 
+def _check(files: "list[_File]") -> None:
+    """Raises _UnknownError where they have together more than is read."""
+    for count, most in (
+        (sum(file.requests for file in files), _MOST_REQUESTS),
+        (sum(file.inputs for file in files), _MOST_INPUTS),
+        (sum(file.head_bytes for file in files), _MOST_HEAD_BYTES),
+    ):
+        if count > most:
+            raise _UnknownError
+
+
 class _File:
     """A bag or a file of MCAP, with its chunks that may have inputs with a header in a time."""
 
@@ -83,20 +92,20 @@ class _File:
         # A chunk may have more topics than the index shows.
         if not tail.counted or self._is_too_much():
             raise _UnknownError
-        self._head = b"".join(file.pieces(tail.declarations, REQUEST_BYTES))
-        there = {at for chunk in self._chunks for at in chunk.counts} & self._wanted
-        names = {resolve(each.topic) for each in asked if each.id in there}
-        declared = self._opened([], b"").connections
-        self._readers = _readers([each for each in declared if resolve(each.topic) in names])
+        there = {at for chunk in self._chunks for at in chunk.counts}
+        self._topics = {resolve(each.topic) for each in asked if each.id in there}
 
     def _is_too_much(self) -> bool:
-        tail = self._tail
         return (
             len(self._chunks) > _MOST_CHUNKS
             or any(size > _MOST_CHUNK_BYTES for _, size in self._ranges)
-            or sum(size for _, size in tail.declarations) > _MOST_HEAD_BYTES
-            or len(tail.connections) > _MOST_CONNECTIONS
+            or len(self._tail.connections) > _MOST_CONNECTIONS
         )
+
+    @property
+    def head_bytes(self) -> int:
+        """Of what it declares, which is read where it has a chunk in that time."""
+        return sum(size for _, size in self._tail.declarations) if self._chunks else 0
 
     @property
     def _ranges(self) -> list[tuple[int, int]]:
@@ -118,11 +127,16 @@ class _File:
 
         Raises BagError, ValueError and StorageError.
         """
+        if not self._chunks:
+            return
+        head = b"".join(self._file.pieces(self._tail.declarations, REQUEST_BYTES))
+        declared = self._opened(head, [], b"").connections
+        readers = _readers([each for each in declared if resolve(each.topic) in self._topics])
         for chunk, stored in self._stored():
-            opened = self._opened([chunk], stored)
-            names = [each.topic for each in opened.connections if each.id in self._readers]
+            opened = self._opened(head, [chunk], stored)
+            names = [each.topic for each in opened.connections if each.id in readers]
             for connection, time, raw in opened.messages(names, begin, end):
-                stamp = self._readers[connection.id](raw)
+                stamp = readers[connection.id](raw)
                 if stamp is not None:
                     yield resolve(connection.topic), time, stamp
             if opened.damage is not None:
@@ -137,24 +151,16 @@ class _File:
                 stored += next(pieces)
             yield chunk, stored
 
-    def _opened(self, chunks: list[Chunk], stored: bytes) -> Any:
+    def _opened(self, head: bytes, chunks: list[Chunk], stored: bytes) -> Any:
         ranges = self._tail.declarations + [(each.offset, len(stored)) for each in chunks]
         # What the index states of the chunks' times was compared when they were played.
-        return in_memory(b"".join(framed(ranges, [self._head, stored])), _MOST_CHUNK_BYTES)
+        return in_memory(b"".join(framed(ranges, [head, stored])), _MOST_CHUNK_BYTES)
 
 
 def _readers(connections: list[Any]) -> dict[int, StampReader]:
-    """By connection, of the topics of which each publisher's messages have a header."""
-    kinds = {
-        (each.definition, each.type, each.schema_encoding, each.encoding) for each in connections
-    }
-    if sum(len(definition) for definition, *_ in kinds) > _MOST_OF_ALL:
-        raise _UnknownError
-    readers = ForTypes(stamp_reader)
-    found = {
-        each.id: None if len(each.definition) > _MOST_CHARACTERS else readers.of(each)
-        for each in connections
-    }
+    """By connection, of the topics of which each publisher's messages begin with a header."""
+    readers = ForTypes(first_stamp_reader)
+    found = {each.id: readers.of(each) for each in connections}
     without = {resolve(each.topic) for each in connections if found[each.id] is None}
     return {
         each.id: reader
