@@ -282,9 +282,28 @@ def test_who_answers_two_cameras_in_turn_lacks_by_both_together() -> None:
 
 def test_just_three_quarters_are_enough() -> None:
     """Nine of the twelve up to the last input that is looked at, which is the ninth."""
-    inputs = {"/camera": [each for each in DIES if each[0] < START + 9 * TENTH], "/imu": NOBODYS}
+    imu = sorted([*NOBODYS, (START + 3 * TENTH, START + 3 * TENTH)])
+    inputs = {"/camera": [each for each in DIES if each[0] < START + 9 * TENTH], "/imu": imu}
     answered = [(time, stamp + (START <= stamp < START + 3 * TENTH)) for time, stamp in DIES[:-3]]
-    assert judged("presence", EXACT, given(answered, inputs)).outcome == "invalid"
+    found = judged("presence", EXACT, given(answered, inputs))
+    assert found.message.startswith("by the stamps of the inputs on /camera no more than 97 of 100")
+
+
+def test_just_three_quarters_together_are_enough() -> None:
+    """Eighteen of twenty-four."""
+    right = [(at + TENTH // 2, stamp + TENTH // 2) for at, stamp in DIES]
+    until = START + 9 * TENTH
+    looked_at = {"/left": DIES, "/right": right}
+    inputs = {
+        topic: [each for each in every if each[0] < until] for topic, every in looked_at.items()
+    }
+    for changed, outcome in ((6, "invalid"), (7, "passed")):
+        answered = [
+            (at, stamp + (START <= stamp < START + changed * TENTH // 2))
+            for at, stamp in sorted(DIES[:-3] + right[:-3])
+        ]
+        given_these = given(answered, inputs | {"/imu": NOBODYS, "/gps": [(END - 1, 1)]})
+        assert judged("presence", EXACT | {"min": 200}, given_these).outcome == outcome
 
 
 def test_one_answer_is_enough_to_know_what_it_follows() -> None:
@@ -355,6 +374,24 @@ def test_the_stamps_of_inputs_that_are_not_looked_at_are_not_compared() -> None:
     """Of a slow stack more answers to the lead-in come in the window than can be the window's."""
     found = judged("presence", EXACT, given(DIES[:-3], {"/camera": DIES}, takes=8 * TENTH))
     assert found.outcome == "invalid"
+    # Its first answers, five of eighteen, may have stamps of its own.
+    own = [(at, stamp + (stamp < START - 3 * TENTH)) for at, stamp in DIES[:-3]]
+    found = judged("presence", EXACT, given(own, {"/camera": DIES}, takes=8 * TENTH))
+    assert found.outcome == "invalid"
+
+
+@pytest.mark.parametrize("sooner", [350_000_000, 351_000_000])
+def test_what_is_stamped_as_soon_as_any_answer_of_the_window_is_asked_for(sooner: int) -> None:
+    """Half a step sooner than the last inputs that lack, or a rounding more."""
+    shifted = [(at, START - sooner if at == START - 3 * TENTH else stamp) for at, stamp in DIES]
+    found = judged("presence", EXACT, given(shifted[:-3], {"/camera": shifted}))
+    assert "no more than 97 of 100 messages answer the window" in found.message
+
+
+def test_a_topic_without_any_of_the_stamps_is_not_looked_at() -> None:
+    """One that is recorded so late would leave it open."""
+    inputs = {"/camera": DIES, "/gps": [(at, stamp - 5 * SECOND + 1) for at, stamp in DIES]}
+    assert judged("presence", EXACT, given(DIES[:-3], inputs)).outcome == "invalid"
 
 
 def test_the_lead_in_ends_with_the_nanosecond_before_the_window() -> None:
