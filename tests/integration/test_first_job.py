@@ -65,7 +65,7 @@ def test_what_init_writes_is_planned_runs_and_passes_unchanged(laptop: Laptop) -
     # Now the estimate rests on what it took.
     results = laptop.folder / "bagpipe-results/joint-states"
     status, output, _ = laptop.run("plan", job, *volume, "--results", results)
-    assert "It rests on: 1 cases by what the same case took." in output
+    assert "It rests on: 1 case by what the same case took." in output
 
 
 def test_a_job_for_ros2_runs_unchanged_too(laptop: Laptop, monkeypatch: pytest.MonkeyPatch) -> None:

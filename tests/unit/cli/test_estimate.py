@@ -86,7 +86,7 @@ def test_what_the_stack_decides_has_no_upper_end(changed: dict[str, Any]) -> Non
     assert (found["wallSeconds"], found["withoutBasis"]) == ([2.0, None], 1)
     text = "\n".join(sentences(found, "max"))
     assert "Estimate: at least 2 s on 1 slot" in text
-    assert "How long 1 cases take in playback.mode: max is the stack's affair" in text
+    assert "How long 1 case may take in playback.mode: max is the stack's affair" in text
 
 
 def test_earlier_results_bound_it_whatever_the_mode() -> None:

@@ -109,7 +109,7 @@ def test_a_folder_of_rosbag2_is_for_ros2(tmp_path: Path, form: Form) -> None:
     # Twice, as both files begin with it: 2 in 3.901 s.
     assert row == ("0.513", "2", "16", "std_msgs/msg/String, latched")
     made = planned(tmp_path, done.stdout, tmp_path)
-    assert "1 cases: 1 fragments" in made.stdout, made.output
+    assert "1 case: 1 fragment" in made.stdout, made.output
 
 
 def test_a_folder_of_recordings_becomes_patterns(tmp_path: Path) -> None:
@@ -227,7 +227,7 @@ def test_what_is_no_message_of_ros_is_left_out_or_refused(tmp_path: Path) -> Non
     done = init(tmp_path / "a.mcap")
     assert done.spec["source"]["topics"] == ["/scan"]
     assert "2 messages" not in done.stderr
-    assert "1 cases: 1 fragments" in planned(tmp_path, done.stdout, tmp_path).stdout
+    assert "1 case: 1 fragment" in planned(tmp_path, done.stdout, tmp_path).stdout
     done = init(tmp_path / "a.mcap", "--input", "/meta")
     assert (done.status, "(in 'json'): leave it out" in done.stderr) == (2, True), done.stderr
     (tmp_path / "b.mcap").write_bytes(mcap([{1: [SECOND]}], channels[1:2]))

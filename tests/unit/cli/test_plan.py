@@ -143,7 +143,7 @@ def test_the_parts_of_a_sequence_are_shown(tmp_path: Path) -> None:
     changed = {"source": {"sequence": pieces, "topics": ["/scan"]}}
     status, text = run(tmp_path, "--volume", f"recordings={tmp_path}", **changed)
     assert status == 0
-    assert "6 cases: 1 fragments, each under 6 conditions." in text
+    assert "6 cases: 1 fragment, each under 6 conditions." in text
     shown = [line.split() for line in text.splitlines() if line.startswith(f" {bag}")]
     assert shown == [
         [bag, "2.000", "3.000", "2.000"],
@@ -230,7 +230,7 @@ def test_what_a_catalogue_selects_is_shown(tmp_path: Path) -> None:
     }  # fmt: skip
     status, text = run(tmp_path, *volume, **fields)
     assert status == 0, text
-    assert "1 cases: 1 fragments" in text
+    assert "1 case: 1 fragment" in text
     sha256 = hashlib.sha256((tmp_path / "drives.csv").read_bytes()).hexdigest()
     assert (
         "Selected: 1 recordings of 1 of 2 rows of pvc://recordings/drives.csv (sha256"

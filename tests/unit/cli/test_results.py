@@ -178,7 +178,7 @@ def test_a_job_that_lost_cases_is_no_better_for_it(tmp_path: Path) -> None:
     after = publish(tmp_path, [make_row("a-0")], uid="b")
     status, text = run("compare", before, after)
     assert status == 1
-    assert "9 regressed (9 missing) of 1 cases; 9 missing" in text
+    assert "9 regressed (9 missing) of 1 case; 9 missing" in text
     assert "missing: a-9" in text
     assert "this job against the earlier job: 9 missing: --allow-missing lets that pass" in text
     status, text = run("compare", before, after, "--allow-missing")

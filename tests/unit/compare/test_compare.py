@@ -48,7 +48,7 @@ def test_a_case_that_passed_and_is_missing_has_regressed() -> None:
     assert (found.counts["missing"], found.counts["new"]) == (9, 2)
     assert found.missing == [f"a-{n:04d}-released" for n in range(1, 10)]
     assert found.regressed[0] == {"case": "a-0001-released", "to": "missing", "reason": ""}
-    assert found.message == "9 regressed (9 missing) of 1 cases; 9 missing, 2 new"
+    assert found.message == "9 regressed (9 missing) of 1 case; 9 missing, 2 new"
 
 
 def test_a_case_that_failed_and_is_missing_is_missed_alone() -> None:
@@ -59,7 +59,7 @@ def test_a_case_that_failed_and_is_missing_is_missed_alone() -> None:
 
 def test_cases_that_the_baseline_lacks_are_new_and_no_evidence() -> None:
     found = only([row(n, "pr-812") for n in range(2)] + [row(0, "released")])
-    assert (found.missing, found.message) == ([], "no case changed of 1 cases; 1 new")
+    assert (found.missing, found.message) == ([], "no case changed of 1 case; 1 new")
     found = only([row(0, "pr-812", "failed")])
     sentence = "no case of both could be compared; 1 new (1 not passed)"
     assert (found.verdict, found.message) == ("unknown", sentence)
@@ -69,7 +69,7 @@ def test_new_cases_that_fail_and_criteria_that_are_gone_are_mentioned() -> None:
     rows = [row(0, "released", figure=1.0), row(0, "pr-812")]
     rows += [row(n, "pr-812", "failed") for n in (1, 2)] + [row(3, "pr-812")]
     found = only(rows)
-    sentence = "no case changed of 1 cases; 3 new (2 not passed); measured no more: latency"
+    sentence = "no case changed of 1 case; 3 new (2 not passed); measured no more: latency"
     assert (found.verdict, found.message) == ("same", sentence)
 
 

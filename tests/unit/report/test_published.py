@@ -129,7 +129,7 @@ def test_missing_cases_of_the_earlier_job_are_reported(tmp_path: Path) -> None:
     now = [make_row("a-0", fragment="a-0")]
     second = publish(tmp_path, now, uid="uid-2", baseline={"results": uri})
     page = (second / "report.html").read_text()
-    assert "2 regressed (2 missing) of 1 cases; 2 missing" in page
+    assert "2 regressed (2 missing) of 1 case; 2 missing" in page
     assert "Missing, which the baseline has: 2" in page
     # A comparison that was stored before this field existed is drawn as well.
     stored = json.loads((second / "comparison.json").read_text())

@@ -62,7 +62,7 @@ def test_the_plan_shows_what_is_left_out_and_why() -> None:
     assert shown.exit_code == 0, shown.output
     assert "the barrier car drives away from us" in shown.output
     assert "the barrier car falls behind" in shown.output
-    assert "54 cases: 1 fragments, each under 54 conditions." in shown.output
+    assert "54 cases: 1 fragment, each under 54 conditions." in shown.output
 
 
 def test_values_of_the_matrix_reach_the_scenario() -> None:

@@ -13,6 +13,7 @@ from typing import Annotated, Any, Self
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, field_serializer
 
+from bagpipe.counted import counted
 from bagpipe.pod_spec import SPEC_CONFIG
 from bagpipe.row_facts import OUTCOMES
 
@@ -188,7 +189,7 @@ class QuarantineTally:
 def remark(rule: Mapping[str, Any]) -> str:
     """What somebody may have to do about a rule, as a manifest has it; empty for nothing."""
     cases = sum(int(rule[outcome]) for outcome in OUTCOMES)
-    noun = "1 case" if cases == 1 else f"{cases:,} cases"
+    noun = counted(cases, "case")
     if not cases:
         return "names no case of this job: correct its pattern, or remove it"
     if not rule["holds"] and (kept := int(rule.get("inside") or 0)):

@@ -7,6 +7,7 @@ restart of the operator changes nothing.
 from dataclasses import replace
 from datetime import datetime, timedelta
 
+from bagpipe.counted import counted
 from bagpipe_operator.api import conditions, reasons
 from bagpipe_operator.api.conditions import Condition
 from bagpipe_operator.api.objects import Json
@@ -258,9 +259,8 @@ def _planned(seen: Observation, known: bool, progress: Progress | None) -> Condi
     count = progress.cases.planned if progress else 0
     if (known and count) or (before and before["status"] == "True"):
         count = count or (seen.job.status.get("cases") or {}).get("planned", 0)
-        return Condition(
-            conditions.PLANNED, True, reasons.CASES_PLANNED, f"The job consists of {count} cases."
-        )
+        message = f"The job consists of {counted(count, 'case')}."
+        return Condition(conditions.PLANNED, True, reasons.CASES_PLANNED, message)
     return Condition(conditions.PLANNED, False, reasons.PLANNING, "The cases are not planned yet.")
 
 

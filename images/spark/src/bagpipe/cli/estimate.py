@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from bagpipe.counted import counted
 from bagpipe.engine_fields import fields_of
 from bagpipe.plan.case import Case
 from bagpipe.plan.expected import Earlier, recorded_seconds
@@ -113,11 +114,11 @@ def sentences(found: Mapping[str, Any], mode: str) -> list[str]:
     """The estimate for people."""
     low, high = found["wallSeconds"]
     time = f"{_time(low)} to {_time(high)}" if high is not None else f"at least {_time(low)}"
-    slots = f"{found['slots']} {'slot' if found['slots'] == 1 else 'slots'}"
+    slots = counted(found["slots"], "slot")
     read = f"{size(found['bytes'])} read"
     lines = [f"Estimate: {time} on {slots}, {read}; pods and images take their time beside."]
     words = {
-        "case": "{} cases by what the same case took",
+        "case": f"{counted(found['basis'].get('case', 0), 'case')} by what the same case took",
         "fragment": "{} by what their fragment took",
         "others": "{} by what other cases took for each second of recording",
         "recording": "{} by the recording's length, and what is around each case is a guess",
@@ -126,8 +127,8 @@ def sentences(found: Mapping[str, Any], mode: str) -> list[str]:
     lines.append(f"  It rests on: {', '.join(parts) or 'nothing: there is no case'}.")
     if found["withoutBasis"]:
         lines.append(
-            f"  How long {found['withoutBasis']} cases take in playback.mode: {mode} is the stack's"
-            " affair: earlier results say it (--results)."
+            f"  How long {counted(found['withoutBasis'], 'case')} may take in playback.mode: {mode}"
+            " is the stack's affair: earlier results say it (--results)."
         )
     return [*lines, *_of_memory(found["memory"]), *_of_driver(found["memory"], found["cases"])]
 

@@ -16,6 +16,7 @@ from bagpipe.cli.estimate import estimate, sentences
 from bagpipe.cli.manifest import ManifestError, read_job
 from bagpipe.cli.places import RefusedError, folders, print_as, results_at, volume_option
 from bagpipe.cli.terminal import unstyled
+from bagpipe.counted import counted
 from bagpipe.matrix.expand import Expansion
 from bagpipe.matrix.faults import MatrixError
 from bagpipe.plan.conditions import crossing
@@ -234,13 +235,13 @@ def _show_sums(description: dict[str, Any], console: Console) -> None:
     if fragments is None:
         claims_missing = unstyled(", ".join(description["unreachable"]))
         console.print(
-            f"\n{cases} cases for each fragment. The recordings of {claims_missing} are not on this"
-            " machine: give --volume CLAIM=FOLDER to see the fragments."
+            f"\n{counted(cases, 'case')} for each fragment. The recordings of {claims_missing} are"
+            " not on this machine: give --volume CLAIM=FOLDER to see the fragments."
         )
     else:
         console.print(
-            f"\n{cases} cases: {fragments} fragments, each under {description['conditions']}"
-            " conditions."
+            f"\n{counted(cases, 'case')}: {counted(fragments, 'fragment')}, each under"
+            f" {counted(description['conditions'], 'condition')}."
         )
     if found := description["catalogue"]:
         line = f"Selected: {Selection(**found).sentence}"

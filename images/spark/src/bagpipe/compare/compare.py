@@ -22,6 +22,7 @@ from bagpipe.compare.pairing import (
     titles,
     windows_differ,
 )
+from bagpipe.counted import counted
 from bagpipe.row_facts import Key
 
 # How many cases are named; the results have all.
@@ -169,7 +170,7 @@ def _of_pairs(pairs: Sequence[tuple[Rounds, Rounds]], doubtful: int) -> str:
     message += f" ({doubtful} pass less often now)" if doubtful else ""
     message += f"; {files} played from a file that has changed since" if files else ""
     if uncounted:
-        message += f"; losses not compared in {uncounted} case{'s' * (uncounted != 1)}, in which"
+        message += f"; losses not compared in {counted(uncounted, 'case')}, in which"
         message += " not as many nodes are counted as there"
     return message + (f"; {other} played from another recording than there" if other else "")
 
@@ -200,7 +201,7 @@ def _unmeasured_in_some(
     for series, name in called.items():
         gone = sum(measured_no_more(series, *pair) for pair in pairs)
         if gone and series in now.get(series[:3], ()):
-            found.append(f"{name} in {gone} case{'s' * (gone != 1)}")
+            found.append(f"{name} in {counted(gone, 'case')}")
     return sorted(found)
 
 
@@ -270,4 +271,4 @@ def _cases_in_words(counts: Mapping[str, int], became: Mapping[str, int]) -> str
                 now = ", ".join(f"{became[to]} {to}" for to in _BECAME if became[to])
                 words[-1] += f" ({now})"
     both = sum(counts[word] for word in _WORDS) - became.get("missing", 0)
-    return f"{', '.join(words) or 'no case changed'} of {both} cases"
+    return f"{', '.join(words) or 'no case changed'} of {counted(both, 'case')}"

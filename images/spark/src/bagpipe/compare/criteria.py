@@ -17,6 +17,7 @@ import numpy as np
 from bagpipe.compare.correction import family_size, holm
 from bagpipe.compare.pairing import Rounds, Series, figures_of_both, titles
 from bagpipe.compare.sign_flips import Figures, SignFlips
+from bagpipe.counted import counted
 from bagpipe.row_facts import Key
 
 Word = Literal["better", "worse", "same", "unknown"]
@@ -208,10 +209,7 @@ def _undecided(one: Measured, why: str) -> CriterionComparison:
 
 def _counted(one: Measured) -> str:
     recordings = len(one.baseline)
-    return (
-        f"{one.pairs} pair{'s' * (one.pairs != 1)} of {recordings}"
-        f" recording{'s' * (recordings != 1)}"
-    )
+    return f"{counted(one.pairs, 'pair')} of {counted(recordings, 'recording')}"
 
 
 def _interval(low: float | None, high: float | None) -> str:
