@@ -25,6 +25,7 @@ def recorded_topics(namespace: str, path: str) -> dict[str, int]:
     return {topic["topic"]: topic["messages"] for topic in info["topics"]}
 
 
+# Promise: executors-have-10-s
 def test_the_examples_job_is_complete_and_lossless(namespace: str, tmp_path: Path) -> None:
     watched = tmp_path / "watched"
     with watching_removal(namespace, watched):

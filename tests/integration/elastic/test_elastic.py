@@ -135,6 +135,7 @@ def test_an_executor_without_cases_goes_while_the_longest_case_runs_on(lab: Lab)
     }
 
 
+# Promise: sigterm-ends-the-case
 def test_an_executor_that_gets_sigterm_ends_its_case_first(lab: Lab) -> None:
     with lab.running(("long",)) as driver:
         wait_until(lab.begun(1), 300, "the long case")
@@ -146,6 +147,7 @@ def test_an_executor_that_gets_sigterm_ends_its_case_first(lab: Lab) -> None:
     assert not lab.begun(2)()
 
 
+# Promise: taken-away-is-no-attempt
 def test_executors_that_are_taken_away_use_up_no_attempt_of_their_case(lab: Lab) -> None:
     lost = QUARANTINE_ATTEMPT + 1
     with lab.running(("long",)) as driver:

@@ -69,6 +69,7 @@ def ended(spark: Spark, api: str, account: Path) -> Spark:
     return spark
 
 
+# Promise: executors-have-10-s
 def test_they_have_seconds_and_not_the_time_of_a_case(api: str, tmp_path: Path) -> None:
     (tmp_path / "token").write_text("the-token\n")
     # Once more for those that Spark has asked for in the place of the first ones.

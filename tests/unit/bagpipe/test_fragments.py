@@ -191,6 +191,7 @@ def test_a_short_remainder_joins_the_last_fragment() -> None:
     assert len(cut(tail, [], 4 * SECOND, 0)) == 1
 
 
+# Promise: latched-in-force
 def test_latched_state_before_the_window_comes_along() -> None:
     chunks = [(0.0, 1.0, {0: 5, 1: 1}), (1.5, 7.9, {0: 5}), (8.0, 12.0, {0: 5})]
     tail = tail_with(chunks, SCAN, connection(1, "/map", in_force=1))
@@ -230,6 +231,7 @@ def drive_with_gap(gap: float) -> list[tuple[float, float, dict[int, int]]]:
     return [(start, start + 0.9, {0: 10}) for start in starts]
 
 
+# Promise: gap-is-no-fragment
 def test_a_gap_gives_no_fragments_and_the_others_keep_their_numbers() -> None:
     fragments = cut(tail_with(drive_with_gap(600.0), SCAN), [], 60 * SECOND, 0)
     windows = [(f.number, f.window.start / SECOND, f.window.end / SECOND) for f in fragments]
@@ -277,6 +279,7 @@ def cut_file(path: Path, topics: list[str], length: int, warm_up: int) -> list[F
     return cut(read_tail(read, len(data)), topics, length, warm_up, partial(message_times, read))
 
 
+# Promise: windows-half-open, gap-is-no-fragment
 @settings(max_examples=60, deadline=None)
 @given(
     gaps=st.lists(st.integers(0, 900 * SECOND), min_size=1, max_size=3),
@@ -361,6 +364,7 @@ def test_of_a_chunk_with_some_of_the_topics_alone_no_index_is_read() -> None:
     assert len(cut(tail, [], 4 * SECOND, 0, partial(message_times, refused))) == 2
 
 
+# Promise: windows-half-open
 def test_a_message_at_a_window_s_end_is_the_next_one_s(tmp_path: Path) -> None:
     recorded = [
         Recorded("/camera", 10 * SECOND, "a"),

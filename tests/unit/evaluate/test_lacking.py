@@ -109,6 +109,7 @@ def outcomes(world: World, lacks: Collection[int] = ()) -> list[tuple[str, str]]
     return found
 
 
+# Promise: lead-in-not-judged
 def test_who_lacks_answers_passes_by_none_of_the_lead_in_and_no_honest_pass_is_lost() -> None:
     """Of eighty worlds, by presence and by rate."""
     honest, bad = Counter[tuple[str, str]](), Counter[tuple[str, str]]()

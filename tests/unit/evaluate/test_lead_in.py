@@ -38,6 +38,7 @@ COUNT = {"topic": "/p", "min": 100, "max": 100}
 RATE = {"topic": "/p", "min": 10.0, "max": 10.0}
 
 
+# Promise: lead-in-not-judged
 @pytest.mark.parametrize(
     ("kind", "wanted"),
     [
@@ -75,6 +76,7 @@ def test_an_answer_to_it_is_no_known_fault() -> None:
     assert finding.message == "passed although it was expected to fail: remove expectFailure"
 
 
+# Promise: lead-in-not-judged
 @pytest.mark.parametrize("bad", [[], [BAD_STAMP]], ids=["stamps", "bad stamp"])
 def test_who_answers_it_alone_has_shown_nothing(bad: list[Any]) -> None:
     given = [*ONLY_LEAD_IN, *bad]

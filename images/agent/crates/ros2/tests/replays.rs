@@ -46,6 +46,7 @@ fn at_full_speed_nothing_is_lost_and_all_that_is_answered_is_recorded() {
     }
 }
 
+// Promise: credit-overwrites-nothing
 #[test]
 fn the_slowest_of_several_nodes_governs_and_each_has_its_line() {
     let scene = Scene::new();

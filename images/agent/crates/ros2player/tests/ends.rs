@@ -143,6 +143,7 @@ fn who_leaves_is_in_nobody_s_graph_any_more() {
     }
 }
 
+// Promise: domain-of-its-own
 #[test]
 fn two_domains_never_meet() {
     let (here, there) = (Graph::new(), Graph::new());

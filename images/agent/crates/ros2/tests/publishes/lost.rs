@@ -127,6 +127,7 @@ fn what_another_overwrites_is_counted_and_not_waited_for_as_long_as_who_has_stop
     assert!((lost..=lost + 1).contains(&dropped), "{lost} lost, {dropped} reported");
 }
 
+// Promise: recording-is-compared
 #[test]
 fn what_a_publisher_goes_on_to_publish_makes_up_for_nothing_of_it_that_was_lost() {
     for (mode, every_us, loses, returns_late_us) in [

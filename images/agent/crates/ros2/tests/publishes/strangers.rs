@@ -153,6 +153,7 @@ fn what_was_recorded_before_the_play_makes_up_for_nothing_that_a_stranger_publis
     apart.assert_missing(missing, apart.published()[FAR]);
 }
 
+// Promise: recording-is-compared
 #[test]
 fn who_comes_during_the_play_makes_up_for_nothing_that_a_stranger_publishes() {
     let apart = Apart::new();

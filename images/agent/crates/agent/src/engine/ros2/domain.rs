@@ -63,6 +63,7 @@ mod tests {
 
     use super::*;
 
+    // Promise: domain-of-its-own
     #[test]
     fn no_two_cases_have_one_domain_and_what_ended_gives_it_back() {
         // Not by the name of real cases, which run meanwhile.
