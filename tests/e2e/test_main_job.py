@@ -34,7 +34,7 @@ def test_the_examples_job_is_complete_and_lossless(namespace: str, tmp_path: Pat
             waiting.wait_until(
                 lambda: all(each.had_seconds() for each in first_two(watched)),
                 120,
-                lambda: f"not the ten minutes of a case that ends:\n{watched.read_text()}",
+                lambda: f"an executor was not deleted with 10 s:\n{watched.read_text()}",
             )
         jobs.await_none_left(namespace)
     late = [each for each in first_two(watched) if not each.had_seconds()]

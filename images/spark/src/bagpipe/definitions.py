@@ -17,6 +17,8 @@ MOST_ELEMENTS = 4096
 MOST_FIELDS = 100_000
 # Values that a message of few bytes may have, and how many more for each byte that it has at least.
 MOST_VALUES, VALUES_A_BYTE = 100, 16
+# Between the request and the response of a service, which a definition may have together.
+BETWEEN = "---"
 _TEXTS = ("string", "wstring")
 # The field of a type without fields: rosbags reads no byte for one of this name in ROS 1.
 _PLACEHOLDER = "structure_needs_at_least_one_member"

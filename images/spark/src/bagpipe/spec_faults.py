@@ -2,6 +2,8 @@
 
 from collections.abc import Iterable
 
+from bagpipe.one_line import one_line
+
 # Of a sentence's field and of what is wrong with it: a key of a megabyte may stand in both.
 _LONGEST_PLACE, _LONGEST_FAULT = 256, 1024
 
@@ -10,9 +12,4 @@ def sentence(place: Iterable[str | int], fault: str) -> str:
     """`spec.field: what is wrong with it`, of a place below spec: one line of bounded parts."""
     where = ".".join(["spec", *map(str, place)])
     what = fault.removeprefix("Value error, ")
-    return f"{_bounded(where, _LONGEST_PLACE)}: {_bounded(what, _LONGEST_FAULT)}"
-
-
-def _bounded(text: str, longest: int) -> str:
-    line = " ".join(text.split())
-    return line if len(line) <= longest else line[: longest - 2].rstrip() + " …"
+    return f"{one_line(where, _LONGEST_PLACE)}: {one_line(what, _LONGEST_FAULT)}"

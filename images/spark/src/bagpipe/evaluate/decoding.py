@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_typestore
 
-from bagpipe.definitions import HEADER, OLD_HEADER, full_name, types_in
+from bagpipe.definitions import BETWEEN, HEADER, OLD_HEADER, full_name, types_in
 from bagpipe.encodings import CDR, ROS1
 from bagpipe.evaluate.finding import NoEvidenceError
 from bagpipe.first_field import begins_with_header
@@ -20,8 +20,6 @@ _TIME = "builtin_interfaces/msg/Time"
 _STAMP_AT, _STAMPS = 4, {0: struct.Struct(">iI"), 1: struct.Struct("<iI")}
 _UNSIGNED_STAMP = struct.Struct("<II")
 _HEADERS = ((Nodetype.NAME, HEADER), (Nodetype.NAME, OLD_HEADER))
-# Between the request and the response of a service.
-_BETWEEN = "---"
 _SECOND = 1_000_000_000
 # Types that are kept from recording to recording. rosbags compiles seventeen functions for each
 # type within one, which takes longer than reading the messages of a short window; a process
@@ -134,7 +132,7 @@ def decoder(connection: Any) -> Callable[[memoryview], Any]:
             f"messages on {connection.topic} are in {connection.encoding or 'no known encoding'},"
             f" and criteria read {ROS1} and {CDR}"
         )
-    if _BETWEEN in connection.definition.splitlines():
+    if BETWEEN in connection.definition.splitlines():
         raise NoEvidenceError(
             f"{connection.type} on {connection.topic} is recorded with its service's definition,"
             " which does not say what its messages are: criteria can only count them"

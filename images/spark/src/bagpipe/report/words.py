@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
+from bagpipe.counted import counted
 from bagpipe.row_facts import counts_of, verdict_words
 
 _HEADLINES = {
@@ -29,22 +30,21 @@ def sentence(manifest: Mapping[str, Any], data: Mapping[str, Any]) -> str:
     planned = counts["planned"]
     hidden = counts.get("quarantined", 0)
     if manifest["verdict"] == "Passed" and hidden:
-        noun = "case" if planned == 1 else "cases"
         return (
-            f"{counts['passed']:,} of {planned:,} {noun} passed; {hidden:,} did not and"
+            f"{counts['passed']:,} of {counted(planned, 'case')} passed; {hidden:,} did not and"
             f" {_are(hidden)} in quarantine."
         )
     if manifest["verdict"] == "Passed":
         return f"All {planned:,} cases passed." if planned != 1 else "The one case passed."
     if not manifest["verdict"]:
         return str(manifest["message"])
-    counted = [
+    against = [
         f"{counts[outcome]:,} {word}"
         for outcome, word in (("failed", "failed"), ("invalid", "lack evidence"))
         if counts[outcome]
     ]
     # A job may fail by its comparison alone.
-    sentence = f"Of {planned:,} cases {' and '.join(counted) or 'none failed'}"
+    sentence = f"Of {planned:,} cases {' and '.join(against) or 'none failed'}"
     sentence += f"; {hidden:,} that did not pass {_are(hidden)} in quarantine." if hidden else "."
     if manifest.get("verdictReason") == "AllQuarantined":
         sentence += " All are in quarantine, so that no case counts."

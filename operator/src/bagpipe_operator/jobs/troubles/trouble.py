@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass, replace
 
+from bagpipe.one_line import CUT, one_line
+
 _LONGEST = 500
 
 
@@ -27,7 +29,5 @@ class Trouble:
 
 def sentence(text: str) -> str:
     """Somebody else's words as one line of up to 500 characters that ends as a sentence."""
-    line = " ".join(text.split())
-    if len(line) > _LONGEST:
-        return line[: _LONGEST - 2].rstrip() + " …"
-    return line if not line or line.endswith((".", "!", "?")) else line + "."
+    line = one_line(text, _LONGEST)
+    return line if not line or line.endswith((".", "!", "?", CUT)) else line + "."
